@@ -1,0 +1,21 @@
+"""Compensation policies. A policy is any callable from a :class:`optkit.state.State` to compensations (b, w)."""
+
+from optkit.policies.formula import Formula
+from optkit.policies.post_decision import (
+    ChoiceModel,
+    PostDecisionPricing,
+    TrueChoice,
+    ValueFunction,
+    ZeroValue,
+)
+from optkit.policies.reward_percentage import RewardPercentage
+
+__all__ = [
+    "ChoiceModel",
+    "Formula",
+    "PostDecisionPricing",
+    "RewardPercentage",
+    "TrueChoice",
+    "ValueFunction",
+    "ZeroValue",
+]

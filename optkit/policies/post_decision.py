@@ -1,0 +1,111 @@
+"""Pricing by the closed form, with opportunity costs from a value function and utilities from a choice model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+
+from optkit.instance import Floats
+from optkit.models.pricing import optimal_prices
+from optkit.state import State
+
+
+@runtime_checkable
+class ChoiceModel(Protocol):
+    """What a policy believes of the workers' preferences."""
+
+    def utility(self, state: State) -> Floats:
+        """Mean utility of each open request to the worker, (b, w), money."""
+        ...
+
+    def mu(self, state: State) -> Floats:
+        """Noise scale of the worker, (b,), money."""
+        ...
+
+    def outside_utility(self, state: State) -> Floats:
+        """Mean utility of rejecting, (b,), money."""
+        ...
+
+
+@runtime_checkable
+class ValueFunction(Protocol):
+    """What a policy believes an open request is worth to the future."""
+
+    def opportunity_cost(self, state: State) -> Floats:
+        """Delta_i = V(R') - V(R' without i), (b, w), money; R' are the open requests that do not expire now.
+
+        It is 0 for requests that do expire now: they are not in R'.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class TrueChoice:
+    """The workers' true preferences, as in the paper's Pert(0)."""
+
+    def utility(self, state: State) -> Floats:
+        """True mean utilities, (b, w), money."""
+        return state.utility
+
+    def mu(self, state: State) -> Floats:
+        """True noise scales, (b,), money."""
+        return state.mu
+
+    def outside_utility(self, state: State) -> Floats:
+        """True outside utilities, (b,), money."""
+        return state.outside_utility
+
+
+@dataclass(frozen=True)
+class ZeroValue:
+    """The value function that is 0: the future is worth nothing, which makes the policy myopic."""
+
+    def opportunity_cost(self, state: State) -> Floats:
+        """Zeros, (b, w)."""
+        return np.zeros(state.offered.shape)
+
+
+@dataclass(frozen=True)
+class PostDecisionPricing:
+    """Optimal compensations for post-decision values (paper sections 3.1 and 3.2, Lemmas 1 and 3).
+
+    A request is worth ``v = reward - penalty [expires now] - opportunity cost``; prices follow from
+    :func:`optkit.models.pricing.optimal_prices`.
+
+    Parameters
+    ----------
+    choice : ChoiceModel
+        Beliefs about the workers; the truth by default.
+    value_function : ValueFunction
+        Beliefs about the future; zero by default, the myopic policy.
+    nonnegative : True or "clip"
+        Exact prices c >= 0, or the paper's clipped ones.
+
+    Examples
+    --------
+    >>> from optkit import scenario, simulate
+    >>> simulate(scenario("I.1", seed=0).sample(2, seed=1), PostDecisionPricing()).reward.shape
+    (2,)
+    """
+
+    choice: ChoiceModel = field(default_factory=TrueChoice)
+    value_function: ValueFunction = field(default_factory=ZeroValue)
+    nonnegative: Literal[True, "clip"] = True
+
+    def value(self, state: State) -> Floats:
+        """What serving each request now is worth before paying for it, (b, w), money (Lemma 1)."""
+        spared = np.where(state.expiring, state.penalty, 0.0)
+        return np.asarray(state.reward - spared - self.value_function.opportunity_cost(state))
+
+    def __call__(self, state: State) -> Floats:
+        """Compensations (b, w), in money."""
+        return optimal_prices(
+            self.value(state),
+            self.choice.utility(state),
+            self.choice.mu(state),
+            outside_utility=self.choice.outside_utility(state),
+            nonnegative=self.nonnegative,
+            offered=state.offered,
+        ).compensation

@@ -1,0 +1,173 @@
+"""Scenarios: named sources of random instances, the same for the same seed on any machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optkit.errors import InputError
+from optkit.instance import Instance
+from optkit.world import TABLE_1, Settings, World, furnish, poisson_requests
+
+
+class Split(NamedTuple):
+    """Instances to learn from, to report on, and to choose between models with."""
+
+    train: list[Instance]
+    test: list[Instance]
+    validation: list[Instance]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A source of random instances. :func:`scenario` makes one by name.
+
+    Attributes
+    ----------
+    name : str
+        Name in the paper's Table 1.
+    seed : int
+        The world's seed: it fixes types, places and weights.
+    settings : Settings
+        Rates, sizes and scales.
+    world : World
+        The weights that the seed gave.
+    """
+
+    name: str
+    seed: int
+    settings: Settings
+    world: World
+
+    def instance(self, seed: int | np.random.SeedSequence) -> Instance:
+        """Draw one instance, noise included."""
+        rng = np.random.default_rng(seed)
+        return furnish(self.settings, self.world, poisson_requests(self.settings, self.world, rng), rng)
+
+    def sample(self, count: int, seed: int | np.random.SeedSequence) -> list[Instance]:
+        """Draw ``count`` independent instances.
+
+        Each has a seed of its own, spawned from ``seed``: a larger sample begins with the instances of a smaller one,
+        and it does not matter which process draws which.
+
+        Parameters
+        ----------
+        count : int
+            Number of instances, at least 0.
+        seed : int or SeedSequence
+            Source of the randomness, apart from the world's.
+
+        Raises
+        ------
+        InputError
+            If ``count`` or ``seed`` is negative.
+        """
+        if count < 0:
+            raise InputError(f"count = {count} is negative; ask for 0 or more instances")
+        return [self.instance(child) for child in _sequence(seed).spawn(count)]
+
+    def split(self) -> Split:
+        """Training, test and validation instances, fixed by the world's seed (480/120/30 in the paper)."""
+        drawn = self.sample(sum(self.settings.split), np.random.SeedSequence(self.seed, spawn_key=(1,)))
+        return cut(drawn, self.settings.split)
+
+    def describe(self) -> dict[str, Any]:
+        """Name, seed and settings as plain data, enough to make the scenario again."""
+        return {"name": self.name, "seed": self.seed, "settings": asdict(self.settings)}
+
+
+def scenario(
+    name: str, seed: int = 0, *, trips: str | Path | Sequence[str | Path] | None = None, **settings: Any
+) -> Scenario:
+    """Make a scenario of the paper's Table 1.
+
+    Parameters
+    ----------
+    name : {"I.1", "I.2", "I.3", "II", "nyc-weak", "nyc-strong"}
+        Case does not matter.
+    seed : int
+        The world's seed. I.1, I.2 and I.3 share their world at the same seed.
+    trips : path or sequence of paths, optional
+        Trip records for the two NYC scenarios, see :func:`optkit.nyc.trip_scenario`.
+    **settings
+        Fields of :class:`optkit.world.Settings` to change, for example ``horizon=1000``; for the NYC scenarios also
+        those of :func:`optkit.nyc.trip_scenario`.
+
+    Raises
+    ------
+    InputError
+        If the name or a setting is unknown or out of range, or trips are missing where they are needed.
+
+    Examples
+    --------
+    >>> one, again = (scenario("I.1", seed=0).sample(2, seed=7) for _ in range(2))
+    >>> one == again
+    True
+    >>> [len(part) for part in scenario("II", seed=0, split=(4, 2, 1)).split()]
+    [4, 2, 1]
+    """
+    known = {key.lower(): key for key in TABLE_1}
+    key = known.get(str(name).lower().replace("_", "-"))
+    if key is None:
+        raise InputError(f"no scenario {name!r}; there are {', '.join(TABLE_1)}")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"the world's seed {seed!r} is not a whole number >= 0")
+    if key.startswith("nyc"):
+        from optkit.nyc import trip_scenario
+
+        if trips is None:
+            raise InputError(f"scenario {key} needs trip records: pass trips= a TLC file (parquet or CSV)")
+        return trip_scenario(key, int(seed), trips, **settings)
+    if trips is not None:
+        raise InputError(f"scenario {key} takes no trips; the scenarios with trips are nyc-weak and nyc-strong")
+    chosen = adjust(TABLE_1[key], settings)
+    return Scenario(key, int(seed), chosen, World.draw(chosen, world_generator(int(seed))))
+
+
+def adjust(base: Settings, changes: dict[str, Any]) -> Settings:
+    """Change some settings after checking their names and ranges.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or a number out of range.
+    """
+    names = [f.name for f in fields(Settings)]
+    for name in changes:
+        if name not in names:
+            raise InputError(f"no setting {name!r}; there are {', '.join(names)}")
+    new = replace(base, **changes)
+    for name in ("groups", "horizon", "types", "pickups", "dropoffs"):
+        if getattr(new, name) != int(getattr(new, name)) or getattr(new, name) < 1:
+            raise InputError(f"setting {name} = {getattr(new, name)} must be a whole number of at least 1")
+    for name in ("mean_lifetime", "mu"):
+        if not getattr(new, name) > 0:
+            raise InputError(f"setting {name} = {getattr(new, name)} must be positive")
+    for name in ("request_rate", "worker_rate", "utility_noise", "characteristics"):
+        if not getattr(new, name) >= 0:
+            raise InputError(f"setting {name} = {getattr(new, name)} must not be negative")
+    return new
+
+
+def world_generator(seed: int) -> np.random.Generator:
+    """Return the generator that draws a world; instances spawn from other keys of the same seed."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+
+
+def cut(drawn: list[Instance], sizes: tuple[int, int, int]) -> Split:
+    """Cut a list into training, test and validation instances, in that order."""
+    train, test, _ = sizes
+    return Split(drawn[:train], drawn[train : train + test], drawn[train + test : sum(sizes)])
+
+
+def _sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
+    if isinstance(seed, np.random.SeedSequence):
+        # A copy, so that sampling twice from one sequence gives the same instances twice.
+        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed {seed!r} is not a whole number >= 0")
+    return np.random.SeedSequence(int(seed))
