@@ -118,5 +118,5 @@ def mean_interval(
     if x.size == 1:
         return MeanInterval(mean, float("nan"), float("nan"), float("nan"), 1)
     std = float(x.std(ddof=1))
-    half = float(stats.t.ppf(0.5 + confidence / 2, x.size - 1)) * std / np.sqrt(x.size)
+    half = float(stats.t.ppf(0.5 + confidence / 2, x.size - 1) * std / np.sqrt(x.size))
     return MeanInterval(mean, std, mean - half, mean + half, x.size)

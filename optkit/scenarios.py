@@ -22,7 +22,7 @@ class Split(NamedTuple):
     validation: list[Instance]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scenario:
     """A source of random instances. :func:`scenario` makes one by name.
 
@@ -68,7 +68,7 @@ class Scenario:
         """
         if count < 0:
             raise InputError(f"count = {count} is negative; ask for 0 or more instances")
-        return [self.instance(child) for child in _sequence(seed).spawn(count)]
+        return [self.instance(child) for child in seed_sequence(seed).spawn(count)]
 
     def split(self) -> Split:
         """Training, test and validation instances, fixed by the world's seed (480/120/30 in the paper)."""
@@ -150,6 +150,8 @@ def adjust(base: Settings, changes: dict[str, Any]) -> Settings:
     for name in ("request_rate", "worker_rate", "utility_noise", "characteristics"):
         if not getattr(new, name) >= 0:
             raise InputError(f"setting {name} = {getattr(new, name)} must not be negative")
+    if len(new.split) != 3 or any(size != int(size) or size < 0 for size in new.split):
+        raise InputError(f"setting split = {new.split} must be three whole numbers: training, test, validation")
     return new
 
 
@@ -164,7 +166,8 @@ def cut(drawn: list[Instance], sizes: tuple[int, int, int]) -> Split:
     return Split(drawn[:train], drawn[train : train + test], drawn[train + test : sum(sizes)])
 
 
-def _sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
+def seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
+    """Return a fresh seed sequence; InputError if the seed is not a whole number >= 0."""
     if isinstance(seed, np.random.SeedSequence):
         # A copy, so that sampling twice from one sequence gives the same instances twice.
         return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)

@@ -71,7 +71,7 @@ TABLE_1: dict[str, Settings] = {
 """The paper's scenarios. With trips, the request rate is what the thinning aims at."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class World:
     """What all instances of a scenario share: request types, places and weights.
 

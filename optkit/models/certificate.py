@@ -137,7 +137,7 @@ def certify(
         bound=bound.reshape(one)[()],
         gap=gap.reshape(one)[()],
         stationarity=np.abs(gradient).max(axis=1, initial=0.0).reshape(one)[()],
-        infeasibility=infeasibility.reshape(one)[()],
+        infeasibility=(infeasibility + 0.0).reshape(one)[()],
         multiplier=multiplier.reshape(*one, -1) if c.shape[1] else multiplier.reshape(*one, 0),
         optimal=((gap <= allowed) & (infeasibility <= allowed)).reshape(one)[()],
         tolerance=tolerance,
