@@ -1,0 +1,50 @@
+"""The command line: every verb is a module of its own, loaded with the app and light to load."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from optkit.cli.bound import bound
+from optkit.cli.generate import generate
+from optkit.cli.price import price
+from optkit.cli.run import run
+from optkit.errors import OptkitError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback(invoke_without_command=True)
+def root(version: bool = typer.Option(False, "--version", help="Print the version and leave.", is_eager=True)) -> None:
+    """Compensations for gig workers under multinomial logit, with certificates and upper bounds."""
+    if version:
+        from optkit import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+for verb in (run, generate, bound, price):
+    app.command()(verb)
+
+
+def main() -> None:
+    """Run the command line; errors of optkit become one line and exit status 2."""
+    try:
+        app()
+    except OptkitError as error:
+        print(f"optkit: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("optkit: interrupted; no results were written", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(141)

@@ -1,0 +1,18 @@
+"""Options that several verbs have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Seed = Annotated[int, typer.Option(help="The world's seed: types, places, weights, and the instances of the split.")]
+Trips = Annotated[
+    list[Path] | None,
+    typer.Option(help="TLC trip records for nyc-weak and nyc-strong: parquet or CSV files, or a folder; repeatable."),
+]
+Mode = Annotated[str | None, typer.Option(help="How trips become instances: folded (default) or mondays.")]
+Fraction = Annotated[float | None, typer.Option(help="Share of the trips that become requests.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output instead of a table.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]

@@ -1,0 +1,233 @@
+"""The command line, called as a user calls it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from optkit.bounds import full_information
+from optkit.scenarios import scenario
+from optkit.storage import load_instances, read_description, save_instances
+
+
+def optkit(*arguments, cwd=None, check=None):
+    """Run the command line in a process of its own; return the finished process."""
+    command = [sys.executable, "-c", "from optkit.cli import main; main()", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=300, check=False)
+    if check is not None:
+        assert done.returncode == check, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A folder with train, test and validation sets, small enough to run in seconds."""
+    folder = tmp_path_factory.mktemp("sets") / "small"
+    for part, instances in scenario("I.1", seed=0, split=(12, 6, 3)).split()._asdict().items():
+        save_instances(folder / part, instances)
+    return folder
+
+
+@pytest.fixture
+def requests_csv(tmp_path):
+    """Three requests, one of which expires now, with somebody's proposed prices."""
+    path = tmp_path / "requests.csv"
+    path.write_text(
+        "request,reward,penalty,expires,utility,compensation\n"
+        "lunch,30,-5,0,-10,15\nparcel,45,-8,1,-22,30\nfar,20,-2,0,-40,18\n"
+    )
+    return path
+
+
+def test_run_writes_results_that_agree_with_what_it_prints(small, tmp_path):
+    """optkit run on a folder prints the table, and writes the same numbers, rows, record and picture."""
+    out = tmp_path / "results"
+    done = optkit("run", small, "--out", out, "--verify", 5, check=0)
+    summary = json.loads((out / "summary.json").read_text())
+    table = pd.read_csv(out / "table.csv")
+    rows = pd.read_parquet(out / "per_instance.parquet")
+    assert summary["verification"]["holds"]
+    assert summary["verification"]["solved"] == 5
+    assert summary["record"]["versions"]["optkit"]
+    assert summary["record"]["tuned"]["PP"]["share"] >= 0.4
+    assert len(rows) == 3 * 6
+    for row in summary["policies"]:
+        assert row["policy"] in done.stdout
+        assert f"{row['ratio']:.2f}" in done.stdout
+        own = rows.loc[rows["policy"] == row["policy"], "ratio"]
+        assert own.mean() == pytest.approx(row["ratio"], rel=1e-12)
+        assert (own <= 100 + 1e-9).all()
+    assert table["ratio"].tolist() == pytest.approx([row["ratio"] for row in summary["policies"]], rel=1e-12)
+    assert (out / "performance_ratio.png").read_bytes().startswith(b"\x89PNG")
+    assert (out / "performance_ratio.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_run_is_reproducible_and_replaces_only_its_own_results(small, tmp_path):
+    """The same run gives the same numbers, and a folder that is not a run's stays untouched."""
+    out = tmp_path / "results"
+    first, second = (
+        json.loads(optkit("run", small, "--out", out, "--verify", 0, "--json", check=0).stdout) for _ in range(2)
+    )
+    assert first["policies"] == second["policies"]
+    (tmp_path / "diary").mkdir()
+    (tmp_path / "diary" / "day.txt").write_text("dear diary")
+    done = optkit("run", small, "--out", tmp_path / "diary", check=2)
+    assert "holds no results" in done.stderr
+    assert (tmp_path / "diary" / "day.txt").read_text() == "dear diary"
+
+
+def test_generate_and_bound_agree_with_the_library(tmp_path):
+    """Sets written by optkit generate hold the scenario's instances; optkit bound gives their bounds."""
+    folder = tmp_path / "set"
+    optkit("generate", "II", "--seed", 3, "--count", 4, "--sample-seed", 5, "--out", folder, check=0)
+    expected = scenario("II", seed=3).sample(4, 5)
+    assert load_instances(folder) == expected
+    assert read_description(folder)["scenario"]["sample_seed"] == 5
+    values = [full_information(one).value for one in expected]
+    for extra in (["--jobs", 2], ["--method", "lp"], ["--method", "milp"]):
+        rows = json.loads(optkit("bound", folder, "--json", *extra, check=0).stdout)["bounds"]
+        # Methods agree to 1e-7 relative: HiGHS stops at a feasibility tolerance of that size.
+        assert [row["bound"] for row in rows] == pytest.approx(values, rel=1e-7)
+    optkit("bound", folder, "--out", tmp_path / "bounds.csv", check=0)
+    assert pd.read_csv(tmp_path / "bounds.csv")["bound"].tolist() == pytest.approx(values, rel=1e-7)
+
+
+def test_generate_writes_the_three_parts(tmp_path):
+    """Without a count, train, test and validation sets are written, and a second time only with --overwrite."""
+    folder = tmp_path / "sets"
+    done = optkit("generate", "I.2", "--out", folder, "--json", check=0)
+    assert json.loads(done.stdout)["instances"] == {"train": 480, "test": 120, "validation": 30}
+    assert load_instances(folder / "test") == scenario("I.2", seed=0).split().test
+    assert "exists" in optkit("generate", "I.2", "--out", folder, check=2).stderr
+    optkit("generate", "I.2", "--out", folder, "--overwrite", check=0)
+
+
+def test_bound_reports_a_solver_that_gave_up(small):
+    """A time limit that is hit is reported as such, without a bound, and the exit status is 1."""
+    done = optkit("bound", small / "test", "--method", "milp", "--time-limit", 1e-9, "--json", check=1)
+    rows = json.loads(done.stdout)["bounds"]
+    assert all(row["bound"] is None and "time limit" in row["error"] for row in rows)
+
+
+def test_price_prints_prices_and_certificates(requests_csv):
+    """optkit price gives optimal prices with their certificate, and exposes a proposal that is not optimal."""
+    done = optkit("price", requests_csv, "--solver", "CLARABEL", check=0)
+    for text in ("markup", "expected profit", "verdict        optimal", "NOT optimal", "CLARABEL: optimal"):
+        assert text in done.stdout
+    result = json.loads(optkit("price", requests_csv, "--json", check=0).stdout)
+    prices = [row["compensation"] for row in result["requests"]]
+    assert result["markup"] == pytest.approx(53 - prices[1], rel=1e-12)  # the parcel expires: worth 45 + 8
+    assert result["certificates"]["prices"]["optimal"]
+    assert not result["certificates"]["your prices"]["optimal"]
+    assert result["certificates"]["your prices"]["bound"] == pytest.approx(result["profit"], rel=1e-9)
+
+
+def test_price_reads_json_like_csv(requests_csv, tmp_path):
+    """A JSON list, and a JSON object with a list under requests, mean the same as the CSV."""
+    rows = pd.read_csv(requests_csv).to_dict(orient="records")
+    expected = json.loads(optkit("price", requests_csv, "--json", check=0).stdout)
+    for content in (rows, {"requests": rows}):
+        (tmp_path / "requests.json").write_text(json.dumps(content))
+        assert json.loads(optkit("price", tmp_path / "requests.json", "--json", check=0).stdout) == expected
+
+
+def test_forms_of_price_order_as_they_must(requests_csv):
+    """Free prices earn at least as much as non-negative ones, and these as clipped ones."""
+    profit = {
+        form: json.loads(optkit("price", requests_csv, "--form", form, "--json", check=0).stdout)["profit"]
+        for form in ("free", "exact", "clip")
+    }
+    assert profit["free"] >= profit["exact"] >= profit["clip"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["run", "I.9"], "neither a scenario"),
+        (["run", "nyc-weak"], "trip records"),
+        (["run", "I.1", "--trips", "x.parquet"], "takes no trips"),
+        (["run", "I.1", "--mode", "folded"], "--mode"),
+        (["run", "I.1", "--seed", "-1"], "seed"),
+        (["run", "nyc-weak", "--trips", "absent.parquet"], "absent.parquet"),
+        (["generate", "I.1", "--count", "-2", "--out", "x"], "negative"),
+        (["bound", "absent"], "absent"),
+        (["bound", "absent", "--jobs", "-2"], "--jobs"),
+        (["bound", "absent", "--out", "x.txt"], ".csv or .parquet"),
+        (["price", "absent.csv"], "absent.csv"),
+        (["price", "absent.csv", "--form", "best"], "--form"),
+    ],
+)
+def test_bad_input_gets_one_line_and_exit_status_2(arguments, says, tmp_path):
+    """What is wrong is said in one line on standard error, with exit status 2 and no traceback."""
+    done = optkit(*arguments, cwd=tmp_path, check=2)
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("reward,penalty\n1,2\n", "no column utility"),
+        ("utility\n-1\n", "value (or reward)"),
+        ("value,utility\n1,\n", "not a finite number"),
+        ("value,utility\nten,-3\n", "'ten'"),
+        ("value,utility\n", "no requests"),
+        ("", "cannot read"),
+    ],
+)
+def test_bad_tables_are_refused_with_the_place(text, says, tmp_path):
+    """A table that cannot be priced is refused with the column and the row."""
+    (tmp_path / "requests.csv").write_text(text)
+    done = optkit("price", tmp_path / "requests.csv", check=2)
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_written_is_said(small, tmp_path):
+    """Where the disk refuses, the error names the folder."""
+    (tmp_path / "file").write_text("in the way")
+    done = optkit("run", small, "--out", tmp_path / "file" / "x", "--verify", 0, check=2)
+    assert "cannot be written" in done.stderr
+
+
+@pytest.mark.parametrize("verb", ["run", "generate", "bound", "price"])
+def test_every_verb_has_help(verb):
+    """--help explains every verb."""
+    assert "Usage" in optkit(verb, "--help", check=0).stdout
+
+
+def test_version_is_the_package_s():
+    """--version prints the version that the package has."""
+    from optkit import __version__
+
+    assert optkit("--version", check=0).stdout.strip() == __version__
+    project = (Path(__file__).parents[1] / "pyproject.toml").read_text()
+    assert f'version = "{__version__}"' in project
+
+
+def test_run_on_trips(tmp_path):
+    """optkit run on a scenario of New York reads trip records and reports both preferences."""
+    rng = np.random.default_rng(0)
+    start = np.datetime64("2018-01-01T07") + rng.integers(0, 200 * 86400, 20_000).astype("timedelta64[s]")
+    zones = np.array([261, 87, 161, 163, 238, 239, 236, 237])
+    trips = pd.DataFrame(
+        {
+            "tpep_pickup_datetime": start,
+            "tpep_dropoff_datetime": start + rng.integers(120, 2400, 20_000).astype("timedelta64[s]"),
+            "PULocationID": rng.choice(zones, 20_000),
+            "DOLocationID": rng.choice(zones, 20_000),
+        }
+    )
+    trips.to_parquet(tmp_path / "yellow_tripdata_2018.parquet")
+    for name in ("nyc-weak", "nyc-strong"):
+        done = optkit("run", name, "--trips", tmp_path, "--out", tmp_path / name, "--verify", 3, "--json", check=0)
+        result = json.loads(done.stdout)
+        assert result["verification"]["holds"]
+        assert result["record"]["origin"]["trips"]["rows"] == 20_000
+        ratios = {row["policy"]: row["ratio"] for row in result["policies"]}
+        assert ratios["Myopic, true MNL"] > max(ratios["PP"], ratios["FP"])
