@@ -1,0 +1,10 @@
+"""Upper bounds on what any policy can earn, each with a certificate that proves it.
+
+Solvers are loaded when a bound first needs them. The functions themselves are bound here at once, not by a module's
+``__getattr__``: a function that is named as its module would be hidden by that module as soon as anybody imports it.
+"""
+
+from optkit.bounds.bound import Bound, Certificate, SolverRecord, Verdict
+from optkit.bounds.full_information import full_information
+
+__all__ = ["Bound", "Certificate", "SolverRecord", "Verdict", "full_information"]

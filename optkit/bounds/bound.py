@@ -1,0 +1,85 @@
+"""What every upper bound returns: a value, the certificate that proves it, and a record of how it was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+from optkit.instance import Instance
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome of checking a certificate against an instance, without trusting whoever made it.
+
+    Attributes
+    ----------
+    bound : float
+        The upper bound that the certificate proves, recomputed from the instance, in money.
+    attained : float
+        What the certificate's feasible solution earns, recomputed, in money; ``-inf`` if it has none.
+    residual : float
+        The largest violation of feasibility found in the solution, 0 if it is feasible.
+    """
+
+    bound: float
+    attained: float
+    residual: float
+
+    @property
+    def gap(self) -> float:
+        """``bound - attained``: how far the bound may lie above the relaxation's optimum, in money."""
+        return self.bound - self.attained
+
+
+@runtime_checkable
+class Certificate(Protocol):
+    """A proof of an upper bound that anybody can check."""
+
+    def check(self, instance: Instance) -> Verdict:
+        """Recompute the bound from the instance and this certificate alone."""
+        ...
+
+
+@dataclass(frozen=True)
+class SolverRecord:
+    """How a bound was found.
+
+    Attributes
+    ----------
+    method : str
+        The method that was used, also where the caller left the choice open.
+    status : str
+        What the solver said of itself.
+    seconds : float
+        Time spent, building included.
+    details : dict
+        Anything else worth keeping (iterations, sizes, options).
+    """
+
+    method: str
+    status: str
+    seconds: float
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """An upper bound on what any policy earns on an instance, or in the mean.
+
+    Attributes
+    ----------
+    value : float
+        The bound, in money.
+    kind : str
+        What is assumed known: ``"full information"``, ...
+    certificate : Certificate
+        Its proof; ``certificate.check(instance)`` recomputes the bound.
+    solver : SolverRecord
+        How it was found.
+    """
+
+    value: float
+    kind: str
+    certificate: Certificate
+    solver: SolverRecord
