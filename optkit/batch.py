@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -50,6 +50,8 @@ class Batch:
         """
         if isinstance(instances, Batch):
             return instances
+        if not isinstance(instances, Instance | Iterable):
+            raise InputError(f"a {type(instances).__name__} is no list of instances")
         listed = (instances,) if isinstance(instances, Instance) else tuple(instances)
         for b, one in enumerate(listed):
             if not isinstance(one, Instance):
@@ -147,8 +149,8 @@ class Batch:
     def worker_at(self) -> Ints:
         """Worker seen at each step, numbered across the batch, (T, B); -1 where there is none."""
         at = np.full((self.horizon, len(self)), -1, dtype=np.int64)
-        for b, one in enumerate(self.instances):
-            at[one.worker_step, b] = np.arange(self.worker_start[b], self.worker_start[b + 1])
+        owner = np.repeat(np.arange(len(self)), np.diff(self.worker_start))
+        at[self._join("worker_step")[: owner.size].astype(np.int64), owner] = np.arange(owner.size)
         return at
 
     @cached_property
@@ -156,10 +158,10 @@ class Batch:
         """Requests by instance and arrival, (N,), and where those of instance b and step t begin in it, (T + 1, B)."""
         n = self.request_start[-1]
         owner = np.repeat(np.arange(len(self)), np.diff(self.request_start))
-        order = np.lexsort((np.arange(n), self.arrival[:n], owner))
         key = owner * (self.horizon + 1) + self.arrival[:n]
-        wanted = np.arange(self.horizon + 1)[:, None] + np.arange(len(self)) * (self.horizon + 1)
-        return order, np.searchsorted(key[order], wanted)
+        count = np.bincount(key, minlength=(self.horizon + 1) * len(self))
+        begin = (np.cumsum(count) - count).reshape(len(self), self.horizon + 1)
+        return np.argsort(key, kind="stable"), np.ascontiguousarray(begin.T)
 
     @cached_property
     def noise(self) -> Noise:

@@ -31,7 +31,8 @@ class Comparison:
     table : DataFrame
         One row per policy, in the order given: mean ``ratio``, its ``std`` and confidence interval ``low``, ``high``;
         ``difference`` to the first policy, paired by instance, with ``difference_low``, ``difference_high``; mean
-        ``reward``; ``served`` and ``margin_share``: shares of requests served and of their rewards kept.
+        ``reward``; ``instances`` with a finite ratio, which the means are over; ``served`` and ``margin_share``: shares
+        of requests served and of their rewards kept.
     """
 
     per_instance: pd.DataFrame
@@ -66,7 +67,7 @@ def compare(instances: Sequence[Instance], policies: Mapping[str, Policy], bound
     >>> days = scenario("I.1", seed=0).sample(20, seed=1)
     >>> named = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}
     >>> compare(days, named, [full_information(day) for day in days]).table["ratio"].round(1).tolist()
-    [90.0, 77.4]
+    [90.2, 57.1]
     """
     import pandas as pd
 
@@ -101,8 +102,10 @@ def compare(instances: Sequence[Instance], policies: Mapping[str, Policy], bound
 
 
 def _row(name: str, frame: pd.DataFrame, first: Floats, margin_share: float) -> dict[str, Any]:
-    ratio = mean_interval(frame["ratio"].to_numpy())
-    difference = mean_interval(frame["ratio"].to_numpy(), first)
+    # A ratio is -inf where nothing can be gained and the policy loses: no mean can hold it, the rows do.
+    both = np.isfinite(frame["ratio"].to_numpy()) & np.isfinite(first)
+    ratio = mean_interval(frame["ratio"].to_numpy()[both])
+    difference = mean_interval(frame["ratio"].to_numpy()[both], first[both])
     return {
         "policy": name,
         "ratio": ratio.mean,
@@ -113,6 +116,7 @@ def _row(name: str, frame: pd.DataFrame, first: Floats, margin_share: float) -> 
         "difference_low": difference.low,
         "difference_high": difference.high,
         "reward": float(frame["reward"].mean()),
+        "instances": ratio.count,
         "served": float(frame["served"].sum() / max(frame["requests"].sum(), 1)),
         "margin_share": float(margin_share),
     }

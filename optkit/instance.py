@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from optkit.arrays import Floats, Ints, count, floats, ints, whole_number
 from optkit.errors import InstanceError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+__all__ = ["DENSE_NOISE_LIMIT", "Floats", "Instance", "Ints", "fifo_queue"]
 
 DENSE_NOISE_LIMIT = 4_000_000
 """Worker-request pairs above which :meth:`Instance.with_noise` draws sparse noise (32 MB if dense)."""
@@ -100,23 +101,23 @@ class Instance:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("horizon", _integer("horizon", self.horizon))
+        put("horizon", whole_number("horizon", self.horizon))
         if self.horizon < 1:
             raise InstanceError(f"horizon is {self.horizon}: it needs at least one step")
-        n, J = np.size(self.arrival), np.size(self.worker_step)
+        n, J = count("arrival", self.arrival), count("worker_step", self.worker_step)
         for name in ("arrival", "expiry", "pickup", "dropoff"):
-            put(name, _ints(name, getattr(self, name), (n,)))
+            put(name, ints(name, getattr(self, name), (n,)))
         for name in ("reward", "penalty"):
-            put(name, _floats(name, getattr(self, name), (n,)))
+            put(name, floats(name, getattr(self, name), (n,)))
         for name in ("worker_step", "worker_group"):
-            put(name, _ints(name, getattr(self, name), (J,)))
-        put("features", _floats("features", self.features, (n, None)))
-        put("mu", _floats("mu", np.atleast_1d(np.asarray(self.mu)), (None,)))
-        put("utility", _floats("utility", self.utility, (self.mu.size, n)))
+            put(name, ints(name, getattr(self, name), (J,)))
+        put("features", floats("features", self.features, (n, None)))
+        put("mu", floats("mu", np.atleast_1d(np.asarray(self.mu)), (None,)))
+        put("utility", floats("utility", self.utility, (self.mu.size, n)))
         if np.ndim(self.outside_utility) == 0:
-            put("outside_utility", float(_floats("outside_utility", self.outside_utility, ())))
+            put("outside_utility", float(floats("outside_utility", self.outside_utility, ())))
         else:
-            put("outside_utility", _floats("outside_utility", self.outside_utility, (self.mu.size,)))
+            put("outside_utility", floats("outside_utility", self.outside_utility, (self.mu.size,)))
         self._check_rules()
         self._check_noise()
 
@@ -166,15 +167,17 @@ class Instance:
         if self.noise is None:
             return
         shape = (self.worker_step.size, self.arrival.size)
-        object.__setattr__(self, "outside_noise", _floats("outside_noise", self.outside_noise, shape[:1]))
+        object.__setattr__(self, "outside_noise", floats("outside_noise", self.outside_noise, shape[:1]))
         if sparse.issparse(self.noise):
-            object.__setattr__(self, "noise", self._compatible_noise(sparse.csr_array(self.noise), shape))
+            object.__setattr__(self, "noise", self._compatible_noise(sparse.csr_array(self.noise, copy=True), shape))
         else:
-            object.__setattr__(self, "noise", _floats("noise", self.noise, shape))
+            object.__setattr__(self, "noise", floats("noise", self.noise, shape))
 
     def _compatible_noise(self, noise: sparse.csr_array, shape: tuple[int, int]) -> sparse.csr_array:
         if noise.shape != shape:
             raise InstanceError(f"noise has shape {noise.shape}; it needs (workers, requests) = {shape}")
+        if noise.dtype.kind == "c":
+            raise InstanceError("noise holds complex numbers (dtype complex), not real numbers")
         noise.sum_duplicates()
         worker, request = self.pairs()
         if noise.nnz:
@@ -190,9 +193,15 @@ class Instance:
                 f"noise has no entry for worker {worker[p]} and request {request[p]}, who meet at step "
                 f"{self.worker_step[worker[p]]}; store every compatible pair (Instance.pairs lists them)"
             )
-        data = _floats("noise", noise.data[at] if worker.size else np.zeros(0), worker.shape)
+        data = noise.data[at] if worker.size else np.zeros(0)
+        if not np.isfinite(data).all():
+            p = int((~np.isfinite(data)).argmax())
+            raise InstanceError(f"noise[{worker[p]}, {request[p]}] is {data[p]}: draw it again; optkit never guesses")
         starts = np.searchsorted(worker, np.arange(shape[0] + 1))
-        return sparse.csr_array((data, request, starts), shape=shape)
+        kept = sparse.csr_array((data, request, starts), shape=shape)
+        for part in (kept.data, kept.indices, kept.indptr):
+            part.flags.writeable = False
+        return kept
 
     @property
     def n_requests(self) -> int:
@@ -212,7 +221,8 @@ class Instance:
     @property
     def outside_by_group(self) -> Floats:
         """The outside utility u_0 of each group, (D,), in money."""
-        return np.broadcast_to(np.asarray(self.outside_utility, float), self.mu.shape)
+        given = self.outside_utility
+        return given if isinstance(given, np.ndarray) else np.full(self.mu.size, given)
 
     def pairs(self) -> tuple[Ints, Ints]:
         """Compatible pairs: every worker with every request that is open at the worker's step.
@@ -312,21 +322,22 @@ class Instance:
         """
         _need("requests", requests, ["arrival", "expiry", "reward", *features])
         _need("workers", workers, ["step"])
-        mu = np.atleast_1d(np.asarray(mu, dtype=float))
-        numbered = [c for c in requests.columns if isinstance(c, str) and c.startswith("utility_")]
+        mu = floats("mu", np.atleast_1d(np.asarray(mu)), (None,))
+        numbered = [c for c in requests.columns if isinstance(c, str) and re.fullmatch(r"utility_\d+", c)]
         columns = [f"utility_{d}" for d in range(len(numbered))] or ["utility"]
         _need("requests", requests, columns)
         if mu.size == 1:
             mu = np.full(len(columns), mu[0])
         n = len(requests)
-        order = np.argsort(workers["step"].to_numpy(), kind="stable")
-        step = workers["step"].to_numpy()[order]
+        step = ints("step", workers["step"].to_numpy(), (len(workers),))
+        order = np.argsort(step, kind="stable")
+        step = step[order]
         group = workers["group"].to_numpy()[order] if "group" in workers else np.zeros(len(step), int)
+        expiry = ints("expiry", requests["expiry"].to_numpy(), (n,))
         if horizon is None:
-            last = [float(c.max()) for c in (requests["expiry"], workers["step"]) if len(c)]
-            horizon = int(np.nan_to_num(max(last, default=0))) + 1
+            horizon = int(max(expiry.max(initial=0), step.max(initial=0))) + 1
         if queue:
-            step, served = fifo_queue(_ints("workers['step']", step, step.shape), horizon)
+            step, served = fifo_queue(step, horizon)
             group = group[served]
         return cls(
             horizon=horizon,
@@ -335,13 +346,21 @@ class Instance:
                 name: requests[name].to_numpy() if name in requests else np.zeros(n, kind)
                 for name, kind in (("penalty", float), ("pickup", int), ("dropoff", int))
             },
-            features=requests[list(features)].to_numpy(float).reshape(n, len(features)),
+            features=_columns("features", requests, list(features)),
             worker_step=step,
             worker_group=group,
-            utility=requests[columns].to_numpy(float).T,
+            utility=_columns("utility", requests, columns).T,
             mu=mu,
             outside_utility=outside_utility,  # type: ignore[arg-type]
         )
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Unpickled and copied arrays come writable.
+        self.__dict__.update(state)
+        for value in state.values():
+            for part in [getattr(value, name, value) for name in ("data", "indices", "indptr")]:
+                if isinstance(part, np.ndarray):
+                    part.flags.writeable = False
 
     def __repr__(self) -> str:
         kind = "not realised" if self.noise is None else "sparse" if sparse.issparse(self.noise) else "dense"
@@ -368,6 +387,11 @@ def fifo_queue(arrival: npt.ArrayLike, horizon: int) -> tuple[Ints, Ints]:
     horizon : int
         Number of steps; workers whose turn does not come before it are not served.
 
+    Raises
+    ------
+    InstanceError
+        If arrivals are not whole numbers in order.
+
     Returns
     -------
     step, served : (S,) int
@@ -378,7 +402,10 @@ def fifo_queue(arrival: npt.ArrayLike, horizon: int) -> tuple[Ints, Ints]:
     >>> fifo_queue([0, 0, 0, 5], horizon=6)
     (array([0, 1, 2, 5]), array([0, 1, 2, 3]))
     """
-    joined = np.asarray(arrival, dtype=np.int64)
+    joined = ints("arrival", arrival, (np.size(arrival),))
+    if (np.diff(joined) < 0).any():
+        j = int((np.diff(joined) < 0).argmax()) + 1
+        raise InstanceError(f"arrival[{j}] = {joined[j]} comes before arrival[{j - 1}]: sort the workers by arrival")
     place = np.arange(joined.size)
     # Worker j is seen at max(joined_j, seen_{j-1} + 1), so seen_j - j is the running maximum of joined_j - j.
     seen = np.maximum.accumulate(joined - place) + place if joined.size else joined
@@ -386,53 +413,20 @@ def fifo_queue(arrival: npt.ArrayLike, horizon: int) -> tuple[Ints, Ints]:
     return seen[served], served
 
 
-def _integer(name: str, value: Any) -> int:
-    if isinstance(value, bool) or np.ndim(value) != 0 or not np.isreal(value) or float(value) != int(value):
-        raise InstanceError(f"{name} = {value!r} is not a whole number")
-    return int(value)
-
-
-def _ints(name: str, value: Any, shape: tuple[int | None, ...]) -> Ints:
-    array = _floats(name, value, shape) if np.asarray(value).dtype.kind not in "iu" else _shaped(name, value, shape)
-    whole = np.array(array, dtype=np.int64)
-    if (whole != array).any():
-        i = int((whole != array).argmax())
-        raise InstanceError(f"{name}[{i}] = {array[i]} is not a whole number; {name} counts in whole numbers")
-    whole.flags.writeable = False
-    return whole
-
-
-def _floats(name: str, value: Any, shape: tuple[int | None, ...]) -> Floats:
-    array = _shaped(name, value, shape)
-    try:
-        array = np.array(array, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InstanceError(f"{name} has entries that are not numbers (dtype {array.dtype}); give floats") from None
-    if not np.isfinite(array).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        place = f"[{', '.join(map(str, index))}]" if index else ""
-        raise InstanceError(
-            f"{name}{place} is {array[index]}: drop the row or fill it in; optkit never guesses a number"
-        )
-    array.flags.writeable = False
-    return array
-
-
-def _shaped(name: str, value: Any, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
-    array = np.asarray(value)
-    if array.dtype.kind == "c":
-        raise InstanceError(f"{name} is complex; give real numbers")
-    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
-        wanted = ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "")
-        raise InstanceError(f"{name} has shape {array.shape}; it needs ({wanted}), see the Instance docstring")
-    return array
-
-
 def _need(table: str, frame: pd.DataFrame, columns: Sequence[str]) -> None:
     missing = [c for c in columns if c not in frame]
     if missing:
         have = ", ".join(map(str, frame.columns))
         raise InstanceError(f"the {table} table has no column {', '.join(map(repr, missing))}; it has: {have}")
+
+
+def _columns(name: str, frame: pd.DataFrame, columns: list[str]) -> Floats:
+    """Return columns of a table as a matrix, (rows, columns); an error names the column."""
+    matrix = np.empty((len(frame), len(columns)))
+    for c, column in enumerate(columns):
+        label = column if column.startswith(name) else f"{name} {column!r}"
+        matrix[:, c] = floats(label, frame[column].to_numpy(), (len(frame),))
+    return matrix
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -37,7 +37,7 @@ def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, to
     Raises
     ------
     InputError
-        If lengths differ or numbers are not finite.
+        If lengths differ, numbers are not finite, or a bound lies below the penalties.
 
     Examples
     --------
@@ -52,8 +52,15 @@ def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, to
     if not np.isfinite([earned, best, least]).all():
         raise InputError("reward, full_information and total_penalty must be finite numbers")
     room, short = best - least, best - earned
-    gained = room > 0
-    ratio = np.where(short <= 1e-9 * np.maximum(1.0, np.abs(best)), 100.0, -np.inf)
+    rounding = 1e-9 * np.maximum(1.0, np.abs(best))
+    if (room < -rounding).any():
+        b = int((room < -rounding).argmax())
+        raise InputError(
+            f"full_information[{b}] = {best[b]:g} lies below the penalties {least[b]:g}: no bound does; "
+            f"are the arguments in order (reward, full_information, total_penalty)?"
+        )
+    gained = room > rounding
+    ratio = np.where(short <= rounding, 100.0, -np.inf)
     ratio[gained] = 100.0 * (1.0 - short[gained] / room[gained])
     return ratio
 
@@ -97,7 +104,7 @@ def mean_interval(
     Raises
     ------
     InputError
-        If there are no values, lengths differ, or the confidence is out of range.
+        If there are no values, one is not finite, lengths differ, or the confidence is out of range.
 
     Examples
     --------
@@ -112,6 +119,9 @@ def mean_interval(
         x = x - base
     if x.ndim != 1 or x.size == 0:
         raise InputError(f"a mean needs one value per instance, at least one; got shape {x.shape}")
+    if not np.isfinite(x).all():
+        b = int((~np.isfinite(x)).argmax())
+        raise InputError(f"value {b} is {x[b]}; a mean needs finite numbers")
     if not 0 < confidence < 1:
         raise InputError(f"confidence = {confidence} is not between 0 and 1")
     mean = float(x.mean())

@@ -81,8 +81,8 @@ class TripScenario(Scenario):
         InputError
             If ``count`` or ``seed`` is negative.
         """
-        if count < 0:
-            raise InputError(f"count = {count} is negative; ask for 0 or more instances")
+        if not isinstance(count, int | np.integer) or count < 0:
+            raise InputError(f"count = {count} is negative or no whole number; ask for 0 or more instances")
         shuffled = np.random.default_rng(seed_sequence(seed)).permutation(len(self.episodes))
         return [int(shuffled[i % shuffled.size]) for i in range(count)]
 

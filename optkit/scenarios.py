@@ -66,8 +66,8 @@ class Scenario:
         InputError
             If ``count`` or ``seed`` is negative.
         """
-        if count < 0:
-            raise InputError(f"count = {count} is negative; ask for 0 or more instances")
+        if not isinstance(count, int | np.integer) or count < 0:
+            raise InputError(f"count = {count} is negative or no whole number; ask for 0 or more instances")
         return [self.instance(child) for child in seed_sequence(seed).spawn(count)]
 
     def split(self) -> Split:
@@ -114,7 +114,7 @@ def scenario(
     key = known.get(str(name).lower().replace("_", "-"))
     if key is None:
         raise InputError(f"no scenario {name!r}; there are {', '.join(TABLE_1)}")
-    if not isinstance(seed, int | np.integer) or seed < 0:
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"the world's seed {seed!r} is not a whole number >= 0")
     if key.startswith("nyc"):
         from optkit.nyc import trip_scenario
@@ -140,24 +140,43 @@ def adjust(base: Settings, changes: dict[str, Any]) -> Settings:
     for name in changes:
         if name not in names:
             raise InputError(f"no setting {name!r}; there are {', '.join(names)}")
-    new = replace(base, **changes)
-    for name in ("groups", "horizon", "types", "pickups", "dropoffs"):
-        if getattr(new, name) != int(getattr(new, name)) or getattr(new, name) < 1:
-            raise InputError(f"setting {name} = {getattr(new, name)} must be a whole number of at least 1")
-    for name in ("mean_lifetime", "mu"):
-        if not getattr(new, name) > 0:
-            raise InputError(f"setting {name} = {getattr(new, name)} must be positive")
-    for name in ("request_rate", "worker_rate", "utility_noise", "characteristics"):
-        if not getattr(new, name) >= 0:
-            raise InputError(f"setting {name} = {getattr(new, name)} must not be negative")
-    if len(new.split) != 3 or any(size != int(size) or size < 0 for size in new.split):
-        raise InputError(f"setting split = {new.split} must be three whole numbers: training, test, validation")
-    return new
+    checked = {name: _setting(name, value) for name, value in changes.items()}
+    return replace(base, **checked)
+
+
+_WHOLE = {"groups": 1, "horizon": 1, "types": 1, "pickups": 1, "dropoffs": 1, "characteristics": 0}
+_POSITIVE = ("mean_lifetime", "mu")
+_NOT_NEGATIVE = ("request_rate", "worker_rate", "utility_noise")
+
+
+def _setting(name: str, value: Any) -> Any:
+    """Return a setting's value in its own type, or raise an InputError."""
+    if name == "split":
+        if not isinstance(value, Sequence) or len(value) != 3:
+            raise InputError(f"setting split = {value!r} must be three whole numbers: training, test, validation")
+        return tuple(_whole("split", size, 0) for size in value)
+    if name in _WHOLE:
+        return _whole(name, value, _WHOLE[name])
+    number = float(value) if isinstance(value, int | float | np.number) else float("nan")
+    if not np.isfinite(number):
+        raise InputError(f"setting {name} = {value!r} must be a finite number")
+    if (name in _POSITIVE and number <= 0) or (name in _NOT_NEGATIVE and number < 0):
+        raise InputError(f"setting {name} = {value!r} must {'be positive' if name in _POSITIVE else 'not be negative'}")
+    return number
+
+
+def _whole(name: str, value: Any, least: int) -> int:
+    if not isinstance(value, int | float | np.number) or not np.isfinite(value) or value != int(value) or value < least:
+        raise InputError(f"setting {name} = {value!r} must be a whole number of at least {least}")
+    return int(value)
 
 
 def world_generator(seed: int) -> np.random.Generator:
-    """Return the generator that draws a world; instances spawn from other keys of the same seed."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    """Return the generator that draws a world: no instance of any sample comes from the same numbers.
+
+    Samples spawn keys (0,), (1,), ... from their seed, splits (1, 0), (1, 1), ... from the world's.
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0)))
 
 
 def cut(drawn: list[Instance], sizes: tuple[int, int, int]) -> Split:

@@ -141,15 +141,14 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
             penalty += np.bincount(r, batch.penalty[request], minlength=R)
             expired[r, request - batch.request_start[instance[r]]] = True
             open_[over] = -1
-        open_ = _pack(open_)
     return Simulation(margin + penalty, margin, penalty, accepted, paid, expired)
 
 
 def _arrive(open_: Ints, order: Ints, begin: Ints, end: Ints) -> Ints:
-    """Add a column for each request that arrives, then move the padding to the right."""
+    """Add columns for the requests that arrive, then close the gaps that earlier steps left."""
     most = int((end - begin).max(initial=0))
     if most == 0:
-        return open_
+        return _pack(open_)
     place = begin[:, None] + np.arange(most)
     new = np.where(place < end[:, None], order.take(place, mode="clip"), -1)
     return _pack(np.concatenate([open_, new], axis=1))
@@ -168,20 +167,27 @@ def _state(batch: Batch, step: int, row: Ints, instance: Ints, worker: Ints, ope
     offered = open_ >= 0
     width = int(offered.sum(axis=1).max())
     offered, open_ = offered[:, :width], open_[:, :width]
-    padding = batch.request_start[-1]
-    return State(batch, step, row, instance, worker, np.where(offered, open_, padding), offered)
+    request = np.where(offered, open_, batch.request_start[-1])
+    # A policy that wrote into what it sees would change the world.
+    for seen in (row, instance, worker, request, offered):
+        seen.flags.writeable = False
+    return State(batch, step, row, instance, worker, request, offered)
 
 
 def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
     """Return compensations as floats, 0 where nothing is offered, or raise a PolicyError naming the first offence."""
     try:
-        offer = np.asarray(compensation, dtype=float)
+        given = np.asarray(compensation)
+        if given.dtype.kind not in "fiubO":
+            raise TypeError
+        offer = given.astype(float)
     except (TypeError, ValueError):
         raise PolicyError(
-            "the policy returned something that is not an array of numbers; return compensations (b, w)"
+            f"the policy returned something that is not an array of numbers at step {state.step}; return (b, w) floats"
         ) from None
     if offer.shape != state.offered.shape:
-        raise PolicyError(f"the policy returned shape {offer.shape} for {state.offered.shape} decisions and requests")
+        shapes = f"shape {offer.shape} at step {state.step} for {state.offered.shape} decisions and requests"
+        raise PolicyError(f"the policy returned {shapes}; return a compensation for each")
     # NaN fails the comparison too.
     wrong = state.offered & ~((offer >= 0) & (offer < np.inf))
     if wrong.any():
@@ -191,7 +197,9 @@ def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
             f"the policy offers {offer[b, w]} for request {request} of instance {state.instance[b]} "
             f"at step {state.step}; a compensation is a finite number >= 0"
         )
-    return np.where(state.offered, offer, 0.0)
+    offer = np.where(state.offered, offer, 0.0)
+    offer.flags.writeable = False
+    return offer
 
 
 def _choose(state: State, offer: Floats) -> Ints:

@@ -19,9 +19,9 @@ Bools = npt.NDArray[np.bool_]
 class State:
     """b decisions at the same step of different instances, each over up to w open requests.
 
-    Requests go along the last axis; where ``offered`` is False there is padding, and whatever stands there is ignored.
-    A policy may use everything here but ``utility``, ``mu`` and ``outside_utility``, which are the workers' true
-    preferences and belong to :class:`optkit.policies.TrueChoice`.
+    All arrays are read-only. Requests go along the last axis; where ``offered`` is False there is padding, and whatever
+    stands there is ignored. A policy may use everything here but ``utility``, ``mu`` and ``outside_utility``, which are
+    the workers' true preferences and belong to :class:`optkit.policies.TrueChoice`.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class State:
     offered: Bools
 
     def _of(self, per_request: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        return per_request.take(self.request, axis=0)
+        return _sealed(per_request.take(self.request, axis=0))
 
     @cached_property
     def reward(self) -> Floats:
@@ -78,30 +78,36 @@ class State:
     @cached_property
     def steps_left(self) -> Ints:
         """Steps after this one in which the request can still be served, (b, w)."""
-        return np.asarray(self._of(self.batch.expiry) - self.step)
+        return _sealed(self._of(self.batch.expiry) - self.step)
 
     @cached_property
     def expiring(self) -> Bools:
         """Whether the request expires at this step, (b, w)."""
-        return np.asarray(self.offered & (self.steps_left == 0))
+        return _sealed(self.offered & (self.steps_left == 0))
 
     @cached_property
     def group(self) -> Ints:
         """The worker's group, (b,)."""
-        return self.batch.worker_group[self.worker]
+        return _sealed(self.batch.worker_group[self.worker])
 
     @cached_property
     def utility(self) -> Floats:
         """True mean utility of each request to the worker, (b, w), money."""
         true = self.batch.utility
-        return true[0].take(self.request) if len(true) == 1 else true[self.group[:, None], self.request]
+        return _sealed(true[0].take(self.request) if len(true) == 1 else true[self.group[:, None], self.request])
 
     @cached_property
     def mu(self) -> Floats:
         """True noise scale of the worker, (b,), money."""
-        return self.batch.worker_mu[self.worker]
+        return _sealed(self.batch.worker_mu[self.worker])
 
     @cached_property
     def outside_utility(self) -> Floats:
         """True mean utility of rejecting, (b,), money."""
-        return self.batch.worker_outside[self.worker]
+        return _sealed(self.batch.worker_outside[self.worker])
+
+
+def _sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Make an array read-only: a policy looks at the world, and does not write into it."""
+    array.flags.writeable = False
+    return array

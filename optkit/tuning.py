@@ -74,7 +74,7 @@ def tune_reward_percentage(
     --------
     >>> from optkit import scenario
     >>> tune_reward_percentage(scenario("I.1", seed=0).sample(20, seed=1)).policy
-    RewardPercentage(share=0.48)
+    RewardPercentage(share=0.58)
     """
     settings = np.asarray(grid, dtype=float).reshape(-1, 1)
 
@@ -115,14 +115,18 @@ def tune_formula(
     Formula(reward=0.6, distance=0.0, penalty=0.0, expiry_boost=0.0)
     """
     chosen = FORMULA_GRID if grid is None else grid
-    if list(chosen) != list(FORMULA_GRID):
-        raise InputError(f"the grid names {', '.join(chosen)}; a Formula has {', '.join(FORMULA_GRID)}, in that order")
-    settings = np.array(list(product(*chosen.values())), dtype=float).reshape(-1, len(chosen))
+    if set(chosen) != set(FORMULA_GRID):
+        raise InputError(f"the grid names {', '.join(chosen)}; a Formula has {', '.join(FORMULA_GRID)}")
+    names = list(FORMULA_GRID)
+    try:
+        settings = np.array(list(product(*(chosen[name] for name in names))), dtype=float).reshape(-1, len(names))
+    except (TypeError, ValueError):
+        raise InputError("the grid must hold a sequence of numbers for every weight of a Formula") from None
 
     def pay(state: State, setting: Floats) -> Floats:
         return formula(state, *(setting[:, k : k + 1] for k in range(4)))
 
-    best, table = _search(instances, list(chosen), settings, pay, progress)
+    best, table = _search(instances, names, settings, pay, progress)
     return Tuned(Formula(*best), float(table["mean_reward"].max()), table)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from optkit.errors import InputError
 from optkit.instance import Floats
+from optkit.policies.numbers import is_finite
 from optkit.state import State
 
 
@@ -41,7 +42,7 @@ class Formula:
 
     def __post_init__(self) -> None:
         for name, weight in vars(self).items():
-            if not np.isfinite(weight):
+            if not is_finite(weight):
                 raise InputError(f"the weight {name} = {weight} of a Formula must be a finite number")
 
     def __call__(self, state: State) -> Floats:

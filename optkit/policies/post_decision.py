@@ -7,6 +7,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from optkit.errors import InputError
 from optkit.instance import Floats
 from optkit.models.pricing import optimal_prices
 from optkit.state import State
@@ -83,6 +84,11 @@ class PostDecisionPricing:
     nonnegative : True or "clip"
         Exact prices c >= 0, or the paper's clipped ones.
 
+    Raises
+    ------
+    InputError
+        If ``nonnegative`` is anything else: the simulator takes no negative prices.
+
     Examples
     --------
     >>> from optkit import scenario, simulate
@@ -93,6 +99,10 @@ class PostDecisionPricing:
     choice: ChoiceModel = field(default_factory=TrueChoice)
     value_function: ValueFunction = field(default_factory=ZeroValue)
     nonnegative: Literal[True, "clip"] = True
+
+    def __post_init__(self) -> None:
+        if self.nonnegative is not True and self.nonnegative != "clip":
+            raise InputError(f"nonnegative = {self.nonnegative!r}: prices must be feasible, so it is True or 'clip'")
 
     def value(self, state: State) -> Floats:
         """What serving each request now is worth before paying for it, (b, w), money (Lemma 1)."""

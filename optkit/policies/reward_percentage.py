@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from optkit.errors import InputError
 from optkit.instance import Floats
+from optkit.policies.numbers import is_finite
 from optkit.state import State
 
 
@@ -21,7 +22,7 @@ class RewardPercentage:
     Raises
     ------
     InputError
-        If the share is negative or not a number.
+        If the share is negative or not a finite number.
 
     Examples
     --------
@@ -33,8 +34,8 @@ class RewardPercentage:
     share: float
 
     def __post_init__(self) -> None:
-        if not self.share >= 0:
-            raise InputError(f"share = {self.share} must be a number >= 0; 0.5 pays half of the reward")
+        if not (is_finite(self.share) and self.share >= 0):
+            raise InputError(f"share = {self.share} must be a finite number >= 0; 0.5 pays half of the reward")
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money; rewards below 0 are paid nothing."""
