@@ -109,10 +109,14 @@ def certify(
     """
     if not tolerance > 0:
         raise InputError(f"tolerance = {tolerance} must be positive")
+    if not isinstance(nonnegative, bool | np.bool_):
+        raise InputError(
+            f"nonnegative = {nonnegative!r}: a certificate is for c >= 0 (True) or for either sign (False)"
+        )
     d = Decisions.of(value, utility, mu, outside_utility, offered)
     # A price is worth what it adds to the utility: as a "value" it makes the advantage the worker's log-odds.
     at_price = Decisions.of(per_request("compensation", compensation), utility, mu, outside_utility, offered)
-    if at_price.advantage.shape != d.advantage.shape:
+    if at_price.shape != d.shape or at_price.advantage.shape != d.advantage.shape:
         raise InputError(
             f"compensation has shape {np.shape(compensation)}; the decisions are {(*d.shape, d.value.shape[1])}"
         )
@@ -138,7 +142,7 @@ def certify(
         gap=gap.reshape(one)[()],
         stationarity=np.abs(gradient).max(axis=1, initial=0.0).reshape(one)[()],
         infeasibility=(infeasibility + 0.0).reshape(one)[()],
-        multiplier=multiplier.reshape(*one, -1) if c.shape[1] else multiplier.reshape(*one, 0),
+        multiplier=multiplier.reshape(*one, c.shape[1]),
         optimal=((gap <= allowed) & (infeasibility <= allowed)).reshape(one)[()],
         tolerance=tolerance,
     )
@@ -147,8 +151,10 @@ def certify(
 def _dual_bound(d: Decisions, nonnegative: bool) -> tuple[Floats, Floats]:
     """Return a certified R, (S, 1), and the rounding of the data that it allows for, (S, 1), both in money."""
     ratio = (closed_form.nonnegative(d) if nonnegative else closed_form.unconstrained(d)).ratio
-    size = np.abs(d.value).max(axis=1, keepdims=True, initial=0.0) / d.mu
-    size += np.abs(d.logit).max(axis=1, keepdims=True, initial=0.0) + np.abs(ratio) + 1.0
+    magnitude = np.abs(d.value) / d.mu + np.abs(d.logit)
+    if d.offered is not None:
+        magnitude = np.where(d.offered, magnitude, 0.0)
+    size = magnitude.max(axis=1, keepdims=True, initial=0.0) + np.abs(ratio) + 1.0
     step = 16 * np.finfo(float).eps * size
     rounding = step * d.mu
     bound = ratio + step

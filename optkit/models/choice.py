@@ -52,7 +52,7 @@ def acceptance_probabilities(
     # A compensation raises the utility one for one, so value = compensation makes the advantage the log-odds.
     d = Decisions.of(per_request("compensation", compensation), utility, mu, outside_utility, offered)
     acceptance, rejection = softmax_with_outside(d.advantage)
-    return acceptance.reshape(*d.shape, -1), rejection.reshape(d.shape)[()]
+    return acceptance.reshape(*d.shape, acceptance.shape[1]), rejection.reshape(d.shape)[()]
 
 
 def softmax_with_outside(logit: Floats) -> tuple[Floats, Floats]:

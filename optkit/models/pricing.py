@@ -101,9 +101,11 @@ def optimal_prices(
     [np.float64(1.3305), np.float64(1.2903)]
     """
     d = Decisions.of(value, utility, mu, outside_utility, offered)
+    if isinstance(nonnegative, np.bool_):
+        nonnegative = bool(nonnegative)
     if nonnegative is True:
         found = closed_form.nonnegative(d)
-    elif nonnegative is False or nonnegative == "clip":
+    elif nonnegative is False or (isinstance(nonnegative, str) and nonnegative == "clip"):
         found = closed_form.unconstrained(d)
     else:
         raise InputError(f"nonnegative = {nonnegative!r} is unknown; it is True, False or 'clip'")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from optkit.errors import InputError, SolverError
 from optkit.models import closed_form
+from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions, Floats
 
 if TYPE_CHECKING:
@@ -121,8 +123,8 @@ class PricingProgram:
     """
 
     def __init__(self, n: int, nonnegative: bool = True) -> None:
-        if n != int(n) or n < 1:
-            raise InputError(f"n = {n} requests; a program needs a whole number of at least 1")
+        if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+            raise InputError(f"n = {n!r} requests; a program needs a whole number of at least 1")
         self.n, self.nonnegative = int(n), bool(nonnegative)
         self._programs: dict[int, _Program] = {}
         self._last = self.n
@@ -211,24 +213,32 @@ class PricingProgram:
         seconds: float,
     ) -> ProgramSolution:
         """Undo the scaling, and check."""
-        probability, multiplier = np.zeros(self.n), np.zeros(self.n)
+        probability = np.zeros(self.n)
         probability[keep] = np.maximum(program.P.value, 0.0)
         simplex, *floor = program.problem.constraints
-        if floor:
-            multiplier[keep] = float(d.mu[0, 0]) * unit * floor[0].dual_value
         seen = probability >= 1e-6
         log_odds = np.full(self.n, -np.inf)
         log_odds[seen] = np.log(probability[seen]) - np.log(max(program.Q.value, 1e-300)) - log_scale
         ratio = float(shift + unit * simplex.dual_value)
+        mu = float(d.mu[0, 0])
+        multiplier = np.zeros(self.n)
+        if floor:
+            # Requests that were left out get what stationarity asks of them.
+            multiplier = np.maximum(mu * (1.0 + ratio) - d.value[0], 0.0)
+            multiplier[keep] = mu * unit * floor[0].dual_value
         return self._checked(d, log_odds, ratio, multiplier, status, solver, seconds)
 
     def _matter(self, d: Decisions) -> npt.NDArray[np.bool_]:
         """Requests whose probability can exceed about 1e-13, free or held at compensation 0."""
         a, logit = d.advantage[0], d.logit[0]
-        matter = a >= max(a.max(), 0.0) - NEGLIGIBLE
-        if self.nonnegative:
-            matter |= logit >= max(logit.max(), 0.0) - NEGLIGIBLE
-        return np.asarray(matter)
+        if not self.nonnegative:
+            return np.asarray(a >= max(a.max(), 0.0) - NEGLIGIBLE)
+        # P_i / P_0 = exp(a_i/mu - 1 - R/mu) for a free request, and the profit R is at least that of paying nothing,
+        # which is negative where workers love what ruins the platform.
+        for_nothing, _ = softmax_with_outside(d.logit)
+        least = min(0.0, float((for_nothing * d.value).sum() / d.mu[0, 0]))
+        loved = logit >= max(logit.max(), 0.0) - NEGLIGIBLE
+        return np.asarray((a >= max(a.max(), least) - NEGLIGIBLE) | loved)
 
     def _checked(
         self,
@@ -253,7 +263,7 @@ class PricingProgram:
         acceptance, rejection = weight / (weight.sum() + outside), float(outside / (weight.sum() + outside))
         profit = float(acceptance @ (d.value[0] - compensation))
         size = 1.0 + abs(ratio)
-        for step in np.concatenate([[0.0], 1e-12 * 4.0 ** np.arange(11) * size]):
+        for step in np.concatenate([[0.0], 1e-12 * 1.5 ** np.arange(36) * size]):
             bound = np.array([[ratio + step]])
             if (closed_form.dual_slack(d, bound, self.nonnegative) >= 0).all():
                 break
@@ -281,25 +291,39 @@ class PricingProgram:
         )
 
 
+@cache
+def _installed_solvers() -> tuple[str, ...]:
+    import cvxpy
+
+    cp: Any = cvxpy
+    return tuple(cp.installed_solvers())
+
+
 def _attempts(solver: str, options: dict[str, Any]) -> list[dict[str, Any]]:
     """Options to try in turn. Clarabel stops now and then short of a tight tolerance that it mostly reaches."""
     if solver != "CLARABEL":
         return [options]
-    # All three are set every time: CVXPY keeps a Clarabel solver's old settings from one solve to the next.
     names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
-    return [dict.fromkeys(names, tolerance) | options for tolerance in (1e-10, 1e-9, 1e-8)]
+    cautious = {"max_step_fraction": 0.95}
+    tries: list[dict[str, Any]] = [dict.fromkeys(names, tolerance) for tolerance in (1e-9, 1e-8)]
+    return [attempt | options for attempt in (*tries, tries[-1] | cautious)]
 
 
 def _run(problem: Any, solver: str, options: dict[str, Any]) -> tuple[str, float]:
     import cvxpy
 
     cp: Any = cvxpy
-    if solver not in cp.installed_solvers():
-        raise InputError(f"solver {solver!r} is not installed; there are {', '.join(cp.installed_solvers())}")
+    if solver not in _installed_solvers():
+        raise InputError(f"solver {solver!r} is not installed; there are {', '.join(_installed_solvers())}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an inaccurate end is raised below, not whispered
-            problem.solve(solver=solver, **options)
+            # A warm start would keep a Clarabel solver's old settings from one solve to the next.
+            problem.solve(solver=solver, warm_start=False, **options)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{solver} does not take {', '.join(options) or 'this'}: {str(error).splitlines()[0]}"
+        ) from error
     except cp.error.SolverError as error:
         raise SolverError(f"{solver} failed on the pricing program: {str(error).splitlines()[0]}") from error
     if problem.status != cp.OPTIMAL:
