@@ -25,9 +25,7 @@ requests = pd.DataFrame(
 workers = pd.DataFrame({"step": rng.integers(0, horizon, 35), "group": rng.integers(0, 2, 35)})
 
 # Workers who come at the same step queue up; each is seen for one step.
-day = Instance.from_frames(
-    requests, workers, mu=[1.0, 2.0], horizon=horizon, features=["kilometres"], queue=True
-)
+day = Instance.from_frames(requests, workers, mu=[1.0, 2.0], horizon=horizon, features=["kilometres"], queue=True)
 days = [day.with_noise(seed) for seed in range(200)]
 print(day)
 
@@ -39,7 +37,8 @@ for one, bound in zip(days, bounds, strict=True):
 
 ceiling = [bound.value for bound in bounds]
 floor = [one.penalty.sum() for one in days]
-for name, policy in {"optimal pricing, myopic": PostDecisionPricing(), "half the reward": RewardPercentage(0.5)}.items():
+policies = {"optimal pricing, myopic": PostDecisionPricing(), "half the reward": RewardPercentage(0.5)}
+for name, policy in policies.items():
     earned = simulate(days, policy).reward
     assert np.all(earned <= np.array(ceiling) + 1e-9)
     print(f"{name:25s} {performance_ratio(earned, ceiling, floor).mean():5.1f} % of full information")
