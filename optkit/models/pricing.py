@@ -48,7 +48,7 @@ def optimal_prices(
     mu: npt.ArrayLike = 1.0,
     *,
     outside_utility: npt.ArrayLike = 0.0,
-    nonnegative: bool | Literal["clip"] = True,
+    nonnegative: bool | np.bool_ | Literal["clip"] = True,
     offered: npt.ArrayLike | None = None,
 ) -> Pricing:
     r"""Profit-maximising compensations under multinomial logit.
