@@ -96,6 +96,13 @@ def test_generate_and_bound_agree_with_the_library(tmp_path):
     assert pd.read_csv(tmp_path / "bounds.csv")["bound"].tolist() == pytest.approx(values, rel=1e-7)
 
 
+def test_generate_takes_settings(tmp_path):
+    """--set changes the scenario, and the written description says so."""
+    optkit("generate", "I.1", "--set", "horizon=80", "--count", 2, "--out", tmp_path / "set", check=0)
+    assert load_instances(tmp_path / "set") == scenario("I.1", seed=0, horizon=80).sample(2, 0)
+    assert read_description(tmp_path / "set")["scenario"]["settings"]["horizon"] == 80
+
+
 def test_generate_writes_the_three_parts(tmp_path):
     """Without a count, train, test and validation sets are written, and a second time only with --overwrite."""
     folder = tmp_path / "sets"
@@ -152,6 +159,9 @@ def test_forms_of_price_order_as_they_must(requests_csv):
         (["run", "I.1", "--trips", "x.parquet"], "takes no trips"),
         (["run", "I.1", "--mode", "folded"], "--mode"),
         (["run", "I.1", "--seed", "-1"], "seed"),
+        (["run", "I.1", "--set", "horizn=3"], "no setting 'horizn'"),
+        (["run", "I.1", "--set", "horizon"], "NAME=NUMBER"),
+        (["run", ".", "--set", "horizon=3"], "--set"),
         (["run", "nyc-weak", "--trips", "absent.parquet"], "absent.parquet"),
         (["generate", "I.1", "--count", "-2", "--out", "x"], "negative"),
         (["bound", "absent"], "absent"),

@@ -57,7 +57,13 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 def open_source(
-    source: str, *, seed: int, trips: Sequence[Path] | None, mode: str | None, fraction: float | None
+    source: str,
+    *,
+    seed: int,
+    trips: Sequence[Path] | None,
+    mode: str | None,
+    fraction: float | None,
+    settings: Sequence[str] | None,
 ) -> Scenario | Path:
     """Return the scenario of that name, or the folder of that path; the options belong to scenarios only.
 
@@ -73,12 +79,26 @@ def open_source(
     if source.lower().replace("_", "-") in {name.lower() for name in TABLE_1}:
         if more and not trips:
             raise InputError(f"--{next(iter(more))} goes with --trips and a scenario of New York")
-        return scenario(source, seed, trips=list(trips) if trips else None, **more)
-    if trips or more:
-        raise InputError(f"--trips, --mode and --fraction go with nyc-weak and nyc-strong, not with {source}")
+        return scenario(source, seed, trips=list(trips) if trips else None, **more, **_parsed(settings or ()))
+    if trips or more or settings:
+        raise InputError(f"--trips, --mode, --fraction and --set go with the name of a scenario, not with {source}")
     if Path(source).is_dir():
         return Path(source)
     raise InputError(f"{source!r} is neither a scenario ({', '.join(TABLE_1)}) nor a folder of instances")
+
+
+def _parsed(settings: Sequence[str]) -> dict[str, float]:
+    """Read NAME=NUMBER; the scenario checks names and ranges."""
+    found = {}
+    for text in settings:
+        name, equals, number = text.partition("=")
+        try:
+            found[name.strip()] = float(number)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(f"--set {text} is not of the form NAME=NUMBER, for example horizon=1000")
+    return found
 
 
 def read_split(folder: Path) -> Split:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from optkit.cli.console import PARTS, open_source
-from optkit.cli.options import Fraction, Json, Mode, Seed, Trips
+from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
 from optkit.errors import InputError
 
 
@@ -24,13 +24,14 @@ def generate(
     trips: Trips = None,
     mode: Mode = None,
     fraction: Fraction = None,
+    settings: Setting = None,
     overwrite: Annotated[bool, typer.Option(help="Replace instance sets that are there.")] = False,
     as_json: Json = False,
 ) -> None:
     """Draw instances of a scenario and write them: requests, workers and noise as parquet, the rest as JSON."""
     from optkit.storage import save_instances
 
-    opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction)
+    opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
         raise InputError(f"{source} is a folder: generate takes a scenario's name")
     told: dict[str, dict[str, Any]]

@@ -14,5 +14,11 @@ Trips = Annotated[
 ]
 Mode = Annotated[str | None, typer.Option(help="How trips become instances: folded (default) or mondays.")]
 Fraction = Annotated[float | None, typer.Option(help="Share of the trips that become requests.")]
+Setting = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", help="Change a setting of the scenario, e.g. --set horizon=1000; repeatable.", metavar="NAME=NUMBER"
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output instead of a table.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]

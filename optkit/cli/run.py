@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optkit.cli.console import open_source, print_table, progress_bar, read_split
-from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Trips
+from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 
 if TYPE_CHECKING:
     from optkit.main_job import RunResult
@@ -22,6 +22,7 @@ def run(
     trips: Trips = None,
     mode: Mode = None,
     fraction: Fraction = None,
+    settings: Setting = None,
     verify: Annotated[int, typer.Option(help="Pricing decisions to solve again with CVXPY.")] = 60,
     out: Annotated[Path | None, typer.Option(help="Results folder; results/<source>-<seed> by default.")] = None,
     as_json: Json = False,
@@ -35,7 +36,7 @@ def run(
     """
     from optkit.main_job import check_target, run_main_job, write_results
 
-    opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction)
+    opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
         name, split, origin = opened.resolve().name, read_split(opened), {"folder": opened.resolve().name}
         folder = out or Path("results") / name
@@ -61,6 +62,10 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
     title = f"{name}: {sizes['test']} test instances; PP and FP tuned on {sizes['train']} others"
     header = ["policy", "ratio %", "std", "95 % interval", "difference", "served %"]
     print_table(title, header, rows)
+    trips = record["origin"].get("trips")
+    if trips:
+        left = ", ".join(f"{count:,} {reason}" for reason, count in trips["dropped"].items() if count) or "none"
+        typer.echo(f"trips: {trips['rows']:,} rows read from {', '.join(trips['files'])}; left out: {left}")
     pp, fp = record["tuned"]["PP"], record["tuned"]["FP"]
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
     typer.echo("ratio: performance ratio against full information; difference: to the first policy, paired")
