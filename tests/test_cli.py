@@ -1,8 +1,10 @@
 """The command line, called as a user calls it."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +205,19 @@ def test_a_folder_that_cannot_be_written_is_said(small, tmp_path):
     (tmp_path / "file").write_text("in the way")
     done = optkit("run", small, "--out", tmp_path / "file" / "x", "--verify", 0, check=2)
     assert "cannot be written" in done.stderr
+
+
+def test_interruption_is_said_and_leaves_nothing(tmp_path):
+    """Ctrl-C ends a run with one line, exit status 130 and no results folder."""
+    command = [sys.executable, "-c", "from optkit.cli import main; main()", "run", "I.1", "--out", str(tmp_path / "r")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(2.5)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in told
+    assert "Traceback" not in told
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("verb", ["run", "generate", "bound", "price"])

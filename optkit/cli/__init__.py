@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from typing import NoReturn
 
 import typer
 
@@ -37,14 +39,17 @@ for verb in (run, generate, bound, price):
 
 def main() -> None:
     """Run the command line; errors of optkit become one line and exit status 2."""
+    signal.signal(signal.SIGINT, _interrupted)
     try:
         app()
     except OptkitError as error:
         print(f"optkit: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("optkit: interrupted; no results were written", file=sys.stderr)
-        sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(141)
+
+
+def _interrupted(*_: object) -> NoReturn:
+    print("\noptkit: interrupted; what was there before stays", file=sys.stderr)
+    raise KeyboardInterrupt  # Typer leaves with exit status 130
