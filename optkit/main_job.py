@@ -7,7 +7,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -17,6 +17,8 @@ from optkit import __version__
 from optkit.bounds import full_information
 from optkit.comparison import Comparison, compare
 from optkit.errors import InputError, OptkitError, SolverError
+from optkit.instance import Instance
+from optkit.learning import Learned, learn_once, learn_preferences
 from optkit.plots import box_plot, figure_bytes
 from optkit.policies import PostDecisionPricing
 from optkit.publish import publish
@@ -119,8 +121,11 @@ def run_main_job(
     if not bounds:
         raise SolverError(f"none of {len(split.test)} test instances could be bounded; the first: {failures[0]}")
     clock = timed("bounds", clock)
-    policies: dict[str, Policy] = {"Myopic, true MNL": PostDecisionPricing(), "FP": fp.policy, "PP": pp.policy}
-    comparison = compare(tests, policies, bounds)
+    learned = _learn(split.train, seed, tell)
+    clock = timed("learn", clock)
+    beliefs = {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
+    policies: dict[str, Policy] = {"Myopic, true MNL": PostDecisionPricing(), **beliefs}
+    comparison = compare(tests, policies | {"FP": fp.policy, "PP": pp.policy}, bounds)
     clock = timed("simulate", clock)
     verification = verify_pricing(tests, sample=verify, seed=seed, progress=lambda k, n: tell("verifying", k, n))
     timed("verify", clock)
@@ -128,11 +133,30 @@ def run_main_job(
         "origin": origin,
         "tuned": {"PP": vars(pp.policy), "FP": vars(fp.policy)},
         "instances": {part: len(getattr(split, part)) for part in Split._fields},
+        "learned": {name: _last_round(found) for name, found in learned.items()},
         "verify": {"sample": verify, "seed": seed},
         "seconds": seconds,
         "versions": versions(),
     }
     return RunResult(comparison, verification, worst, failures, record)
+
+
+def _learn(train: Sequence[Instance], seed: int, tell: Progress) -> dict[str, Learned]:
+    """Preferences from the paper's data and from re-estimation; with several groups also one model for all."""
+    learned = {"Learned MNL, paper's data": learn_once(train, seed=seed)}
+    learned["Learned MNL, re-estimated"] = learn_preferences(
+        train, seed=seed, progress=lambda k, n: tell("learning", k, n)
+    )
+    tell("learning", 1, 1)
+    if max(one.n_groups for one in train) > 1:
+        learned["Single MNL, re-estimated"] = learn_preferences(train, seed=seed, pooled=True)
+    return learned
+
+
+def _last_round(learned: Learned) -> list[dict[str, Any]]:
+    rounds = learned.rounds
+    rows = rounds[rounds["round"] == rounds["round"].max()].to_dict(orient="records")
+    return [{str(name): value for name, value in row.items()} for row in rows]
 
 
 def versions() -> dict[str, str]:

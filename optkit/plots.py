@@ -55,7 +55,9 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
     )
     for box, colour in zip(boxes["boxes"], [COLOURS[i % len(COLOURS)] for i in range(len(values))], strict=True):
         box.set(facecolor=colour, alpha=0.75)
-    ax.set_xticks(range(1, len(values) + 1), [f"{n}\n{v.mean():.1f}" for n, v in zip(ratios, values, strict=True)])
+    # A long name breaks where it has a comma, so that neighbours do not run into each other.
+    labels = [f"{n.replace(', ', ',' + chr(10))}\n{v.mean():.1f}" for n, v in zip(ratios, values, strict=True)]
+    ax.set_xticks(range(1, len(values) + 1), labels)
     ax.set_ylabel("Performance ratio (% of full information)")
     ax.set_xlabel("Policy, with the mean of its performance ratio")
     ax.grid(axis="y", color="0.9")

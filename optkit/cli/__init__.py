@@ -9,6 +9,8 @@ from typing import NoReturn
 import typer
 
 from optkit.cli.bound import bound
+from optkit.cli.collect import collect
+from optkit.cli.fit import fit
 from optkit.cli.generate import generate
 from optkit.cli.price import price
 from optkit.cli.run import run
@@ -33,7 +35,7 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
         raise typer.Exit
 
 
-for verb in (run, generate, bound, price):
+for verb in (run, generate, bound, price, collect, fit):
     app.command()(verb)
 
 

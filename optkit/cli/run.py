@@ -70,6 +70,12 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
     typer.echo("ratio: performance ratio against full information; difference: to the first policy, paired")
     typer.echo(f"tuned: PP pays {100 * pp['share']:g} % of the reward; FP weighs {weights}")
+    for name, rows in record["learned"].items():
+        for row in rows:
+            label = f"{name}, group {row['group']}" if len(rows) > 1 else name
+            error = f"RMSE {row['rmse']:.3f}, bias {row['mbe']:+.3f}, standard error {row['standard_error']:.3f}"
+            data = f"{row['round']} round(s), {row['rejections']} rejections, {row['verdict']}"
+            typer.echo(f"utility: {label}: {error}; {data}")
     typer.echo(f"bounds: every certificate checked, largest gap {result.worst_bound_gap:.1e} (money)")
     for i, why in result.bound_failures.items():
         typer.echo(f"bounds: instance {i} is left out: {why}")

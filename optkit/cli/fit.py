@@ -1,0 +1,112 @@
+"""``optkit fit``: learn preferences from logged offers."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from optkit.cli.console import print_table
+from optkit.cli.options import Json
+from optkit.errors import InputError, OptkitError
+
+if TYPE_CHECKING:
+    from optkit.models.preferences import Preferences
+
+
+def fit(
+    table: Annotated[Path, typer.Argument(help="Offers as parquet or CSV, one row per request shown.")],
+    features: Annotated[str | None, typer.Option(help="Feature columns, by commas; the rest by default.")] = None,
+    pooled: Annotated[bool, typer.Option(help="One model for all worker groups.")] = False,
+    method: Annotated[str, typer.Option(help="choice, or accept-reject: the paper's logistic regression.")] = "choice",
+    ridge: Annotated[float, typer.Option(help="L2 penalty of every coefficient; settles what data leave open.")] = 0.0,
+    scale_penalty: Annotated[float, typer.Option(help="L2 penalty of the compensation's coefficient alone.")] = 0.0,
+    robust: Annotated[bool, typer.Option(help="Sandwich standard errors.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Save the summary as text, and as JSON beside it.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Estimate workers' utilities and noise scale from what they were offered and took.
+
+    Columns: **situation** (the decision), **compensation**, **chosen** (0 or 1; none is 1 if all were rejected), and
+    the features. **group**, **pickup** and **dropoff** count from 0 and may be left out.
+    """
+    from optkit.models.estimation import EstimationWarning
+    from optkit.models.offers import Offers
+    from optkit.models.preference_fit import fit_preferences
+
+    names = None if features is None else [name.strip() for name in features.split(",")]
+    if out is not None and out.suffix == ".json":
+        raise InputError(f"--out {out}: give the text file's name, such as fit.txt; the JSON goes beside it")
+    offers = Offers.load(table, names)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", EstimationWarning)
+        found = fit_preferences(
+            offers,
+            pooled=pooled,
+            method=method,  # type: ignore[arg-type]
+            ridge=ridge,
+            scale_penalty=scale_penalty,
+            robust=robust,
+        )
+    told = [str(one.message) for one in caught if issubclass(one.category, EstimationWarning)]
+    plain = {"offers": len(offers), "situations": offers.n_situations, **_plain(found), "warnings": told}
+    if out is not None:
+        _save(out, _text(found, told), plain)
+    if as_json:
+        typer.echo(json.dumps(plain, indent=1))
+        return
+    for group, results in enumerate(found.results):
+        label = "all groups" if found.pooled else f"group {group}"
+        typer.echo(f"{label}, coefficients of utility / mu\n{results.summary()}\n")
+    rows = [
+        [f"{row['group']} {row['parameter']}", f"{row['estimate']:.4f}", f"{row['standard_error']:.4f}"]
+        for row in plain["parameters"]
+    ]
+    print_table("preferences, in money", ["parameter", "estimate", "standard error"], rows)
+    for group, report in enumerate(plain["identification"]):
+        label = "all groups" if found.pooled else f"group {group}"
+        typer.echo(f"identification of {label}: {report['verdict']}: {report['reason']}")
+    for line in told:
+        typer.echo(f"warning: {line}")
+
+
+def _plain(found: Preferences) -> dict[str, Any]:
+    from optkit.models.estimation import identification
+
+    reports = [identification(results) for results in found.results]
+    numbers = ("llf", "llnull", "aic", "bic", "prsquared", "nobs")
+    return {
+        "parameters": found.table().to_dict(orient="records"),
+        "models": [{name: float(getattr(results, name)) for name in numbers} for results in found.results],
+        "identification": [
+            {
+                "verdict": report.verdict,
+                "reason": report.reason,
+                "situations": float(report.situations),
+                "choices": float(report.choices),
+                "rejections": float(report.rejections),
+                "eigenvalues": report.eigenvalues.tolist(),
+                "weakest": {str(name): float(x) for name, x in report.weakest.items()},
+            }
+            for report in reports
+        ],
+    }
+
+
+def _text(found: Preferences, told: list[str]) -> str:
+    from optkit.models.estimation import identification
+
+    parts = [f"{results.summary()}\n\n{identification(results).summary()}" for results in found.results]
+    lines = [*parts, found.table().to_string(index=False), *(f"warning: {line}" for line in told)]
+    return "\n\n".join(lines) + "\n"
+
+
+def _save(out: Path, text: str, plain: dict[str, Any]) -> None:
+    try:
+        out.write_text(text)
+        out.with_suffix(".json").write_text(json.dumps(plain, indent=1) + "\n")
+    except OSError as error:
+        raise OptkitError(f"{out} cannot be written ({error.strerror or error})") from error
