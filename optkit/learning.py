@@ -95,7 +95,7 @@ def learn_preferences(
     first : callable, optional
         Policy of the first round; random offers of 40 to 85 per cent of the reward by default.
     progress : callable, optional
-        Called with the number of rounds done and their largest number.
+        Called with the number of rounds done and their largest number, which is also where an early end jumps to.
 
     Raises
     ------
@@ -128,9 +128,9 @@ def learn_preferences(
         preferences, unsettled = _fit(offers, pooled)
         own = _round(preferences, offers, where, truth, unsettled)
         rows += [{"round": number + 1, **row} for row in own]
-        if progress is not None:
-            progress(number + 1, rounds)
         done = all(row["verdict"] != "not identified" and row["standard_error"] <= tolerance for row in own)
+        if progress is not None:
+            progress(rounds if done else number + 1, rounds)
         if done:
             break
         policy = Explore(PostDecisionPricing(choice=preferences), deviation, seed=seed + number + 1)

@@ -147,7 +147,6 @@ def _learn(train: Sequence[Instance], seed: int, tell: Progress) -> dict[str, Le
     learned["Learned MNL, re-estimated"] = learn_preferences(
         train, seed=seed, progress=lambda k, n: tell("learning", k, n)
     )
-    tell("learning", 1, 1)
     if max(one.n_groups for one in train) > 1:
         learned["Single MNL, re-estimated"] = learn_preferences(train, seed=seed, pooled=True)
     return learned

@@ -34,7 +34,8 @@ def test_readme_shows_the_table_that_the_main_job_gives():
     """The table in the README is the main job's own, to the digits shown."""
     result = run_main_job(scenario("I.1", seed=0).split(), {}, verify=0)
     block = re.search(r"<!-- table -->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    shown = {line[1:18].strip(): line[18:] for line in block.group(1).splitlines()[2:]}
+    width = block.group(1).splitlines()[0].index("ratio %") - 1
+    shown = {line[1:width].strip(): line[width:] for line in block.group(1).splitlines()[2:]}
     assert list(shown) == result.comparison.table["policy"].tolist()
     for _, row in result.comparison.table.iterrows():
         for number in (row["ratio"], row["std"], row["low"], row["high"], 100 * row["served"]):

@@ -21,7 +21,7 @@ def test_every_stage_is_told_to_its_end(split):
     """Progress names the stages, and each reaches its total."""
     told = {}
     run_main_job(split, {}, verify=3, progress=lambda stage, done, total: told.update({stage: (done, total)}))
-    assert list(told) == ["tuning PP", "tuning FP", "bounding", "verifying"]
+    assert list(told) == ["tuning PP", "tuning FP", "bounding", "learning", "verifying"]
     assert all(done == total for done, total in told.values())
 
 
@@ -37,7 +37,7 @@ def test_an_instance_without_a_bound_is_left_out_and_named(split, monkeypatch):
     monkeypatch.setattr(main_job, "full_information", sometimes)
     result = run_main_job(split, {}, verify=0)
     assert result.bound_failures == {1: "hit its time limit"}
-    assert result.comparison.table["instances"].tolist() == [3, 3, 3]
+    assert result.comparison.table["instances"].tolist() == [3] * 5
 
 
 def test_no_bound_at_all_is_an_error(split, monkeypatch):

@@ -119,7 +119,8 @@ def _fit(label: str, chosen: Any, design: pd.DataFrame, situation: Any, penalty:
             model = ConditionalLogit(chosen, design, situation, outside_option=True, penalty=penalty)
             fitted = model.fit(cov_type="HC0" if robust else "nonrobust")
         except NotIdentifiedError as error:
-            raise NotIdentifiedError(f"{label}: {error}", error.direction) from None
+            remedy = str(error).replace("give penalty=", "give a ridge penalty")
+            raise NotIdentifiedError(f"{label}: {remedy}", error.direction) from None
         except InputError as error:
             raise DataError(f"{label}: {error}") from None
     for one in caught:
