@@ -14,6 +14,12 @@ from optkit.simulator import Policy, simulate
 from optkit.state import State
 
 
+def check_seed(seed: object) -> None:
+    """Raise an InputError unless the seed is a whole number of at least 0."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed {seed!r} is not a whole number >= 0")
+
+
 @dataclass(frozen=True)
 class RandomOffers:
     """Pay a random share of the reward, drawn anew for every offer (paper section 3.4: 40 to 85 per cent).
@@ -38,6 +44,7 @@ class RandomOffers:
     def __post_init__(self) -> None:
         if not 0 <= self.low <= self.high < np.inf:
             raise InputError(f"shares from {self.low} to {self.high}: give 0 <= low <= high")
+        check_seed(self.seed)
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""
@@ -71,6 +78,7 @@ class Explore:
     def __post_init__(self) -> None:
         if not 0 <= self.deviation < np.inf:
             raise InputError(f"deviation = {self.deviation} must be a number of at least 0, in money")
+        check_seed(self.seed)
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""

@@ -43,7 +43,13 @@ class Comparison:
         return {str(name): rows["ratio"].to_numpy() for name, rows in self.per_instance.groupby("policy", sort=False)}
 
 
-def compare(instances: Sequence[Instance], policies: Mapping[str, Policy], bounds: Sequence[Bound]) -> Comparison:
+def compare(
+    instances: Sequence[Instance],
+    policies: Mapping[str, Policy],
+    bounds: Sequence[Bound],
+    *,
+    labels: Sequence[int] | None = None,
+) -> Comparison:
     """Simulate policies on the same instances and noise, and compare them with bounds on these instances.
 
     Parameters
@@ -53,6 +59,8 @@ def compare(instances: Sequence[Instance], policies: Mapping[str, Policy], bound
         The first is the one that the others are paired with.
     bounds : sequence of Bound
         One per instance; for the paper's performance ratio, :func:`optkit.bounds.full_information`.
+    labels : sequence of int, optional
+        Numbers of the instances in the rows, if they are not 0, 1, ...
 
     Raises
     ------
@@ -79,7 +87,7 @@ def compare(instances: Sequence[Instance], policies: Mapping[str, Policy], bound
     least = np.array([one.penalty.sum() for one in instances])
     best = np.array([bound.value for bound in bounds])
     sizes = {
-        "instance": np.arange(len(instances)),
+        "instance": np.arange(len(instances)) if labels is None else np.asarray(labels),
         "bound": best,
         "requests": [one.n_requests for one in instances],
         "workers": [one.n_workers for one in instances],

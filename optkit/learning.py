@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optkit.batch import Batch
-from optkit.collection import Explore, RandomOffers, collect
-from optkit.errors import InputError
+from optkit.collection import Explore, RandomOffers, check_seed, collect
+from optkit.errors import DataError, InputError
 from optkit.instance import Floats, Instance
+from optkit.models.attributes import Attributes
 from optkit.models.estimation import EstimationWarning, NotIdentifiedError, identification
 from optkit.models.offers import Offers
 from optkit.models.preference_fit import fit_preferences, utility_errors
@@ -113,7 +114,13 @@ def learn_preferences(
     """
     if rounds < 1 or not tolerance > 0:
         raise InputError(f"rounds = {rounds} must be at least 1 and tolerance = {tolerance} positive")
+    if not 0 <= deviation < np.inf:
+        raise InputError(f"deviation = {deviation} must be a number of at least 0, in money")
+    check_seed(seed)
     batch = Batch.of(instances)
+    if not len(batch):
+        raise InputError("learning needs at least one instance")
+    attributes = _attributes(batch)
     N = int(batch.request_start[-1])
     where = (batch.features[:N], batch.pickup[:N], batch.dropoff[:N])
     truth = batch.utility[:, :N] - np.concatenate(
@@ -125,8 +132,11 @@ def learn_preferences(
     for number in range(rounds):
         logs.append(collect(_another_day(batch.instances, seed, number), policy))
         offers = Offers.join(logs)
-        preferences, unsettled = _fit(offers, pooled)
-        own = _round(preferences, offers, where, truth, unsettled)
+        absent = sorted(set(range(batch.groups)) - set(offers.group.tolist()))
+        if absent and not pooled:
+            raise DataError(f"group {absent[0]} was offered nothing: learn from more instances, or with pooled=True")
+        preferences = _fit(offers, pooled, attributes)
+        own = _round(preferences, offers, where, truth)
         rows += [{"round": number + 1, **row} for row in own]
         done = all(row["verdict"] != "not identified" and row["standard_error"] <= tolerance for row in own)
         if progress is not None:
@@ -142,7 +152,8 @@ def learn_preferences(
 def _another_day(instances: Sequence[Instance], seed: int, number: int) -> Sequence[Instance]:
     if number == 0:
         return instances
-    moods = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(len(instances))
+    # A key of two parts that begins with 2: scenarios use one part, (0, 0) and (1, ...), see world_generator.
+    moods = np.random.SeedSequence(seed, spawn_key=(2, number)).spawn(len(instances))
     return [one.with_noise(mood) for one, mood in zip(instances, moods, strict=True)]
 
 
@@ -152,18 +163,24 @@ def _outside(one: Instance, groups: int) -> Floats:
     return full
 
 
-def _fit(offers: Offers, pooled: bool) -> tuple[Preferences, bool]:
-    """Fit without a penalty; with a weak one where the data leave something open. Whether they did, comes second."""
+def _attributes(batch: Batch) -> Attributes:
+    """Return attributes that know every place of every request, also of those that nobody has seen yet."""
+    names = tuple(f"feature_{f}" for f in range(batch.features.shape[1]))
+    return Attributes(names, int(batch.pickup.max(initial=0)) + 1, int(batch.dropoff.max(initial=0)) + 1)
+
+
+def _fit(offers: Offers, pooled: bool, attributes: Attributes) -> Preferences:
+    """Fit without a penalty, or with a weak one where the data leave something open."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EstimationWarning)  # told in the record, round by round
         try:
-            return fit_preferences(offers, pooled=pooled), False
+            return fit_preferences(offers, pooled=pooled, attributes=attributes)
         except NotIdentifiedError:
-            return fit_preferences(offers, pooled=pooled, ridge=RIDGE), True
+            return fit_preferences(offers, pooled=pooled, attributes=attributes, ridge=RIDGE)
 
 
 def _round(
-    preferences: Preferences, offers: Offers, where: tuple[Any, Any, Any], truth: Floats, unsettled: bool
+    preferences: Preferences, offers: Offers, where: tuple[Any, Any, Any], truth: Floats
 ) -> list[dict[str, Any]]:
     rows = utility_errors(preferences, *where, truth).to_dict(orient="records")
     reports = [identification(results) for results in preferences.results]

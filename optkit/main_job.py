@@ -15,13 +15,16 @@ from typing import Any
 
 from optkit import __version__
 from optkit.bounds import full_information
+from optkit.bounds.bound import prove
+from optkit.collection import collect
 from optkit.comparison import Comparison, compare
 from optkit.errors import InputError, OptkitError, SolverError
 from optkit.instance import Instance
 from optkit.learning import Learned, learn_once, learn_preferences
+from optkit.plain import to_json
 from optkit.plots import box_plot, figure_bytes
 from optkit.policies import PostDecisionPricing
-from optkit.publish import publish
+from optkit.publish import foreign_entry, publish, set_aside, writable_parent
 from optkit.scenarios import Split
 from optkit.simulator import Policy
 from optkit.tuning import tune_formula, tune_reward_percentage
@@ -107,25 +110,26 @@ def run_main_job(
     clock = timed("tune PP", clock)
     fp = tune_formula(split.train, progress=lambda k, n: tell("tuning FP", k, n))
     clock = timed("tune FP", clock)
-    tests, bounds, failures, worst = [], [], {}, 0.0
+    kept, bounds, failures, worst = [], [], {}, 0.0
     for i, one in enumerate(split.test):
         try:
             bound = full_information(one)
+            worst = max(worst, prove(bound, one).gap)
         except SolverError as error:
             failures[i] = str(error)
         else:
-            worst = max(worst, bound.certificate.check(one).gap)
-            tests.append(one)
+            kept.append(i)
             bounds.append(bound)
         tell("bounding", i + 1, len(split.test))
     if not bounds:
         raise SolverError(f"none of {len(split.test)} test instances could be bounded; the first: {failures[0]}")
+    tests = [split.test[i] for i in kept]
     clock = timed("bounds", clock)
-    learned = _learn(split.train, seed, tell)
+    learned, unlearned = _learn(split.train, tests, seed, tell)
     clock = timed("learn", clock)
     beliefs = {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
     policies: dict[str, Policy] = {"Myopic, true MNL": PostDecisionPricing(), **beliefs}
-    comparison = compare(tests, policies | {"FP": fp.policy, "PP": pp.policy}, bounds)
+    comparison = compare(tests, policies | {"FP": fp.policy, "PP": pp.policy}, bounds, labels=kept)
     clock = timed("simulate", clock)
     verification = verify_pricing(tests, sample=verify, seed=seed, progress=lambda k, n: tell("verifying", k, n))
     timed("verify", clock)
@@ -134,6 +138,7 @@ def run_main_job(
         "tuned": {"PP": vars(pp.policy), "FP": vars(fp.policy)},
         "instances": {part: len(getattr(split, part)) for part in Split._fields},
         "learned": {name: _last_round(found) for name, found in learned.items()},
+        "not learned": unlearned,
         "verify": {"sample": verify, "seed": seed},
         "seconds": seconds,
         "versions": versions(),
@@ -141,15 +146,32 @@ def run_main_job(
     return RunResult(comparison, verification, worst, failures, record)
 
 
-def _learn(train: Sequence[Instance], seed: int, tell: Progress) -> dict[str, Learned]:
-    """Preferences from the paper's data and from re-estimation; with several groups also one model for all."""
-    learned = {"Learned MNL, paper's data": learn_once(train, seed=seed)}
-    learned["Learned MNL, re-estimated"] = learn_preferences(
-        train, seed=seed, progress=lambda k, n: tell("learning", k, n)
-    )
+def _learn(
+    train: Sequence[Instance], tests: Sequence[Instance], seed: int, tell: Progress
+) -> tuple[dict[str, Learned], dict[str, str]]:
+    """Learn from the paper's data and by re-estimation; with several groups also one model for all.
+
+    What cannot be learned from these instances, or does not know the places of the tests, comes second, with the
+    reason: the other policies go on.
+    """
+    ways: dict[str, Callable[[], Learned]] = {
+        "Learned MNL, paper's data": lambda: learn_once(train, seed=seed),
+        "Learned MNL, re-estimated": lambda: learn_preferences(
+            train, seed=seed, progress=lambda k, n: tell("learning", k, n)
+        ),
+    }
     if max(one.n_groups for one in train) > 1:
-        learned["Single MNL, re-estimated"] = learn_preferences(train, seed=seed, pooled=True)
-    return learned
+        ways["Single MNL, re-estimated"] = lambda: learn_preferences(train, seed=seed, pooled=True)
+    learned, failures = {}, {}
+    for name, learn in ways.items():
+        try:
+            found = learn()
+            collect(tests, PostDecisionPricing(choice=found.preferences))  # does it know the places of the tests?
+        except OptkitError as error:
+            failures[name] = str(error)
+        else:
+            learned[name] = found
+    return learned, failures
 
 
 def _last_round(learned: Learned) -> list[dict[str, Any]]:
@@ -164,18 +186,42 @@ def versions() -> dict[str, str]:
     return {"optkit": __version__, "python": platform.python_version()} | {p: metadata.version(p) for p in packages}
 
 
-def check_target(folder: str | os.PathLike[str]) -> bool:
+FILES = ("summary.json", "table.csv", "per_instance.parquet", "performance_ratio.png", "performance_ratio.pdf")
+"""What a results folder holds."""
+
+
+def check_target(folder: str | os.PathLike[str], origin: dict[str, Any] | None = None) -> bool:
     """Return whether results are there that may be replaced; call it before the work, not after.
+
+    Parameters
+    ----------
+    folder : path
+        The results folder.
+    origin : dict, optional
+        Where the instances come from; results of another origin are not replaced.
 
     Raises
     ------
     InputError
-        If the folder exists and does not hold results of an earlier run.
+        If the folder holds anything but results of an earlier run of the same origin, or cannot be made.
     """
-    target = Path(folder)
-    if target.exists() and not _is_run(target):
-        raise InputError(f"{folder} exists and holds no results of optkit run: choose another folder with --out")
-    return target.exists()
+    target, remedy = Path(folder), "choose another folder with --out"
+    aside = set_aside(target)
+    if aside is not None:
+        raise InputError(f"{folder} is missing: writing was interrupted; the old results are {aside}: move them back")
+    if not target.exists():
+        if not writable_parent(target):
+            raise InputError(f"{folder} cannot be written: {remedy}")
+        return False
+    found = _summary(target)
+    if found is None:
+        raise InputError(f"{folder} exists and holds no results of optkit run: {remedy}")
+    foreign = foreign_entry(target, FILES)
+    if foreign is not None:
+        raise InputError(f"{folder} also holds {foreign!r}: move that away, or {remedy}")
+    if origin is not None and found.get("record", {}).get("origin") != json.loads(to_json(origin)):
+        raise InputError(f"{folder} holds results of other instances or settings: {remedy}")
+    return True
 
 
 def write_results(folder: str | os.PathLike[str], result: RunResult, title: str) -> Path:
@@ -196,7 +242,7 @@ def write_results(folder: str | os.PathLike[str], result: RunResult, title: str)
     result.comparison.per_instance.to_parquet(rows, index=False)
     axes = box_plot(result.comparison.ratios(), title=title)
     contents = {
-        "summary.json": (json.dumps({"format": FORMAT, **result.to_dict()}, indent=1) + "\n").encode(),
+        "summary.json": (to_json({"format": FORMAT, **result.to_dict()}) + "\n").encode(),
         "table.csv": result.comparison.table.to_csv(index=False).encode(),
         "per_instance.parquet": rows.getvalue(),
         "performance_ratio.png": figure_bytes(axes, "png"),
@@ -210,9 +256,10 @@ def write_results(folder: str | os.PathLike[str], result: RunResult, title: str)
     return Path(folder)
 
 
-def _is_run(folder: Path) -> bool:
+def _summary(folder: Path) -> dict[str, Any] | None:
+    """Return the summary of an earlier run, or None if there is none."""
     try:
         found = json.loads((folder / "summary.json").read_text())
     except (OSError, ValueError):
-        return False
-    return isinstance(found, dict) and found.get("format") == FORMAT
+        return None
+    return found if isinstance(found, dict) and found.get("format") == FORMAT else None

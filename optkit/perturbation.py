@@ -6,14 +6,12 @@ from collections.abc import Collection
 
 import numpy as np
 
+from optkit.collection import check_seed
 from optkit.errors import InputError
 from optkit.instance import Floats
 from optkit.models.attributes import Attributes
 from optkit.models.preferences import Preferences
 from optkit.scenarios import Scenario
-
-TRIES = 10_000
-"""Directions drawn before giving up on a positive noise scale."""
 
 
 def true_preferences(scenario: Scenario) -> Preferences:
@@ -59,7 +57,7 @@ def perturb(
     Raises
     ------
     InputError
-        If epsilon is negative, a group is unknown, or no perturbation keeps mu positive.
+        If epsilon is negative or a group is unknown.
 
     Examples
     --------
@@ -72,8 +70,10 @@ def perturb(
     if not 0 <= epsilon < np.inf:
         raise InputError(f"epsilon = {epsilon} must be a number of at least 0")
     G = len(preferences.scale)
-    chosen = range(G) if groups is None else groups
-    unknown = [g for g in chosen if not 0 <= g < G]
+    if not isinstance(seed, np.random.Generator):
+        check_seed(seed)
+    chosen = range(G) if groups is None else sorted(set(groups))
+    unknown = [g for g in chosen if g not in range(G)]
     if unknown:
         raise InputError(f"group {unknown[0]} is unknown; there are 0..{G - 1}")
     rng = np.random.default_rng(seed)
@@ -87,7 +87,8 @@ def perturb(
 
 def _shell(rng: np.random.Generator, dimension: int, epsilon: float, mu: float) -> Floats:
     inner = max(0.0, epsilon - 1.0)
-    for _ in range(TRIES):
+    # At most every second direction lowers mu, so this ends.
+    while True:
         direction = rng.normal(size=dimension)
         direction /= np.linalg.norm(direction)
         # Volume grows with the power of the radius, so uniform in the shell means uniform in that power.
@@ -95,4 +96,3 @@ def _shell(rng: np.random.Generator, dimension: int, epsilon: float, mu: float) 
         delta = epsilon * fraction ** (1.0 / dimension) * direction
         if mu + delta[-1] > 0:
             return np.asarray(delta)
-    raise InputError(f"no perturbation of length {epsilon} keeps mu = {mu} positive; take a smaller epsilon")

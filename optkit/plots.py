@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from optkit.errors import InputError
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -38,12 +40,15 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
     >>> [label.get_text().split() for label in ax.get_xticklabels()]
     [['myopic', '90.0'], ['PP', '72.3']]
     """
+    if not ratios:
+        raise InputError("a box plot needs at least one policy")
     if ax is None:
         from matplotlib.figure import Figure
 
         width = max(4.0, 1.5 + 1.15 * len(ratios))
         ax = Figure(figsize=(width, 3.8), layout="constrained").subplots()
     values = [np.asarray(column, dtype=float) for column in ratios.values()]
+    values = [column[np.isfinite(column)] for column in values]
     boxes = ax.boxplot(
         values,
         widths=0.6,
@@ -57,15 +62,15 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
         box.set(facecolor=colour, alpha=0.75)
     # A long name breaks where it has a comma, so that neighbours do not run into each other.
     labels = [f"{n.replace(', ', ',' + chr(10))}\n{v.mean():.1f}" for n, v in zip(ratios, values, strict=True)]
-    ax.set_xticks(range(1, len(values) + 1), labels)
-    ax.set_ylabel("Performance ratio (% of full information)")
+    ax.set_xticks(range(1, len(values) + 1), labels, parse_math=False)
+    ax.set_ylabel("Performance ratio (%)")
     ax.set_xlabel("Policy, with the mean of its performance ratio")
     ax.grid(axis="y", color="0.9")
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     if title:
-        ax.set_title(title)
+        ax.set_title(title, parse_math=False)
     return ax
 
 
@@ -76,7 +81,7 @@ def figure_bytes(ax: Axes, kind: str) -> bytes:
     sink = BytesIO()
     figure = ax.get_figure(root=True)
     if figure is None:
-        raise ValueError("these axes have no figure")
+        raise InputError("these axes have no figure")
     dated = {"CreationDate": None} if kind == "pdf" else None
     figure.savefig(sink, format=kind, dpi=160, metadata=dated)
     return sink.getvalue()

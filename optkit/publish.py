@@ -6,6 +6,7 @@ import glob
 import os
 import shutil
 import tempfile
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -70,3 +71,14 @@ def _sync(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+def foreign_entry(folder: Path, own: Iterable[str]) -> str | None:
+    """Return the first name in a folder that is not among its own, or None: what is not ours is not replaced."""
+    return min({entry.name for entry in folder.iterdir()} - set(own), default=None)
+
+
+def writable_parent(target: Path) -> bool:
+    """Whether the nearest folder above ``target`` that exists may be written to."""
+    parent = next((above for above in target.resolve().parents if above.exists()), None)
+    return parent is not None and parent.is_dir() and os.access(parent, os.W_OK)

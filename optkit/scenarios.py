@@ -144,6 +144,9 @@ def adjust(base: Settings, changes: dict[str, Any]) -> Settings:
     return replace(base, **checked)
 
 
+LARGEST = 1e8
+"""Upper limit of every setting: beyond it nothing fits in memory."""
+
 _WHOLE = {"groups": 1, "horizon": 1, "types": 1, "pickups": 1, "dropoffs": 1, "characteristics": 0}
 _POSITIVE = ("mean_lifetime", "mu")
 _NOT_NEGATIVE = ("request_rate", "worker_rate", "utility_noise")
@@ -158,16 +161,21 @@ def _setting(name: str, value: Any) -> Any:
     if name in _WHOLE:
         return _whole(name, value, _WHOLE[name])
     number = float(value) if isinstance(value, int | float | np.number) else float("nan")
-    if not np.isfinite(number):
-        raise InputError(f"setting {name} = {value!r} must be a finite number")
+    if not np.abs(number) <= LARGEST:
+        raise InputError(f"setting {name} = {value!r} must be a finite number of at most {LARGEST:g}")
     if (name in _POSITIVE and number <= 0) or (name in _NOT_NEGATIVE and number < 0):
         raise InputError(f"setting {name} = {value!r} must {'be positive' if name in _POSITIVE else 'not be negative'}")
     return number
 
 
 def _whole(name: str, value: Any, least: int) -> int:
-    if not isinstance(value, int | float | np.number) or not np.isfinite(value) or value != int(value) or value < least:
-        raise InputError(f"setting {name} = {value!r} must be a whole number of at least {least}")
+    if (
+        not isinstance(value, int | float | np.number)
+        or not np.isfinite(value)
+        or not least <= value <= LARGEST
+        or value != int(value)
+    ):
+        raise InputError(f"setting {name} = {value!r} must be a whole number from {least} to {LARGEST:g}")
     return int(value)
 
 

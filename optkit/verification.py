@@ -61,6 +61,8 @@ class Verification:
 
     def summary(self) -> str:
         """Return two lines for a person."""
+        if not self.decisions:
+            return "no pricing decision was visited: there is nothing to verify"
         return (
             f"{self.certified} of {self.decisions} pricing decisions certified optimal "
             f"(largest gap {self.worst_gap:.1e} relative)\n"

@@ -1,5 +1,6 @@
 """The command line, called as a user calls it."""
 
+import dataclasses
 import json
 import signal
 import subprocess
@@ -56,7 +57,7 @@ def test_run_writes_results_that_agree_with_what_it_prints(small, tmp_path):
     assert summary["verification"]["solved"] == 5
     assert summary["record"]["versions"]["optkit"]
     assert summary["record"]["tuned"]["PP"]["share"] >= 0.4
-    assert len(rows) == 3 * 6
+    assert len(rows) == len(summary["policies"]) * 6
     for row in summary["policies"]:
         assert row["policy"] in done.stdout
         assert f"{row['ratio']:.2f}" in done.stdout
@@ -164,6 +165,11 @@ def test_forms_of_price_order_as_they_must(requests_csv):
         (["run", "I.1", "--set", "horizn=3"], "no setting 'horizn'"),
         (["run", "I.1", "--set", "horizon"], "NAME=NUMBER"),
         (["run", ".", "--set", "horizon=3"], "--set"),
+        (["run", "I.1", "--set", "seed=3"], "no setting 'seed'"),
+        (["run", "I.1", "--set", "horizon=1e300"], "horizon"),
+        (["run", "I.1", "--set", "request_rate=1e300"], "request_rate"),
+        (["run", "I.1", "--set", "split=3"], "split"),
+        (["bound", "absent", "--out", "no/such/folder/x.csv"], "cannot be written"),
         (["run", "nyc-weak", "--trips", "absent.parquet"], "absent.parquet"),
         (["generate", "I.1", "--count", "-2", "--out", "x"], "negative"),
         (["bound", "absent"], "absent"),
@@ -181,9 +187,72 @@ def test_bad_input_gets_one_line_and_exit_status_2(arguments, says, tmp_path):
     assert done.stdout == ""
 
 
+def test_runs_do_not_replace_what_is_not_theirs(small, tmp_path):
+    """A second run refuses a results folder of other instances, and one that holds somebody's notes."""
+    out = tmp_path / "results"
+    optkit("run", small, "--out", out, "--verify", 0, check=0)
+    save_instances(tmp_path / "other", scenario("I.2", seed=3).sample(8, 1))
+    assert "other instances" in optkit("run", tmp_path / "other", "--out", out, check=2).stderr
+    (out / "notes.txt").write_text("mine")
+    assert "notes.txt" in optkit("run", small, "--out", out, check=2).stderr
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+def test_run_needs_no_interval_for_one_instance(tmp_path):
+    """With a single test instance there is no interval: the table shows a dash, and the JSON is JSON."""
+    save_instances(tmp_path / "two", scenario("I.2", seed=3).sample(2, 1))
+    done = optkit("run", tmp_path / "two", "--out", tmp_path / "r", "--verify", 0, "--json", check=0)
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    rows = json.loads(done.stdout, parse_constant=refuse)["policies"]
+    assert rows[0]["low"] is None
+    assert "nan" not in optkit("run", tmp_path / "two", "--out", tmp_path / "r", "--verify", 0, check=0).stdout
+
+
+def test_generate_writes_all_parts_or_none(tmp_path):
+    """If one part's place is taken by something else, no part is written; a flat set and a split do not mix."""
+    (tmp_path / "sets" / "test").mkdir(parents=True)
+    few = ["--set", "split=4,3,2"]
+    assert "--overwrite" in optkit("generate", "I.1", "--out", tmp_path / "sets", *few, check=2).stderr
+    assert not (tmp_path / "sets" / "train").exists()
+    optkit("generate", "I.1", "--out", tmp_path / "flat", "--count", 2, check=0)
+    assert "one set" in optkit("generate", "I.1", "--out", tmp_path / "flat", *few, check=2).stderr
+
+
+def test_bound_goes_on_past_an_instance_without_noise(tmp_path):
+    """An instance that cannot be bounded is named; the others are bounded, and the status is 1."""
+    day, other = scenario("I.2", seed=3).sample(2, 1)
+    save_instances(tmp_path / "set", [dataclasses.replace(day, noise=None, outside_noise=None), other])
+    rows = json.loads(optkit("bound", tmp_path / "set", "--json", check=1).stdout)["bounds"]
+    assert "not realised" in rows[0]["error"]
+    assert rows[1]["bound"] == full_information(other).value
+
+
+def test_names_are_printed_as_they_are(tmp_path):
+    """Markup, numbers and words for nothing are names like any other."""
+    names = ["[bold]x[/bold]", "[/oops]", "007", "NA", ":smile:"]
+    rows = "".join(f'"{name}",10,-5\n' for name in names)
+    (tmp_path / "r.csv").write_text("request,value,utility\n" + rows)
+    done = optkit("price", tmp_path / "r.csv", check=0)
+    assert all(name in done.stdout for name in names)
+
+
+def test_columns_without_a_meaning_are_named(tmp_path):
+    """A misspelt column does not vanish in silence."""
+    (tmp_path / "r.csv").write_text("reward,penalty,expire,utility\n30,-5,1,-10\n")
+    assert "expire" in optkit("price", tmp_path / "r.csv", check=0).stderr
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        ("utility,value\n1,2,3\n", "row 1 has 3 entries for 2 columns"),
+        ("utility,value,Value\n1,2,3\n", "'value' twice"),
+        ("utility,value,reward\n-1,2,3\n", "both value and reward"),
+        ("utility,reward,penalty\n-1,2,3\n", "penalty in row 1 = 3 is positive"),
+        ("utility,reward,penalty,expires\n-1,2,-3,7\n", "neither 0 nor 1"),
         ("reward,penalty\n1,2\n", "no column utility"),
         ("utility\n-1\n", "value (or reward)"),
         ("value,utility\n1,\n", "not a finite number"),

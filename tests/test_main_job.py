@@ -1,6 +1,7 @@
 """The main job, called from Python."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -38,6 +39,37 @@ def test_an_instance_without_a_bound_is_left_out_and_named(split, monkeypatch):
     result = run_main_job(split, {}, verify=0)
     assert result.bound_failures == {1: "hit its time limit"}
     assert result.comparison.table["instances"].tolist() == [3] * 5
+
+
+def test_rows_keep_the_numbers_of_their_instances(split, monkeypatch):
+    """Without instance 1, the rows are those of instances 0, 2 and 3."""
+    calls = iter(range(100))
+
+    def sometimes(instance):
+        if next(calls) == 1:
+            raise SolverError("gave up")
+        return full_information(instance)
+
+    monkeypatch.setattr(main_job, "full_information", sometimes)
+    rows = run_main_job(split, {}, verify=0).comparison.per_instance
+    myopic = rows[rows["policy"] == "Myopic, true MNL"]
+    assert myopic["instance"].tolist() == [0, 2, 3]
+    assert myopic["requests"].tolist() == [split.test[i].n_requests for i in (0, 2, 3)]
+
+
+def test_a_bound_that_is_not_proven_is_no_bound(split, monkeypatch):
+    """A solver that claims less than its certificate proves is caught, instance by instance."""
+    monkeypatch.setattr(main_job, "full_information", lambda one: replace(full_information(one), value=-1e6))
+    with pytest.raises(SolverError, match="claimed"):
+        run_main_job(split, {}, verify=0)
+
+
+def test_what_cannot_be_learned_is_left_out(split):
+    """Where nothing is attractive to any worker, learning fails with a reason, and the other policies go on."""
+    hopeless = Split(*([replace(day, utility=day.utility - 500.0) for day in part] for part in split))
+    result = run_main_job(hopeless, {}, verify=0)
+    assert set(result.record["not learned"]) == {"Learned MNL, paper's data", "Learned MNL, re-estimated"}
+    assert result.comparison.table["policy"].tolist() == ["Myopic, true MNL", "FP", "PP"]
 
 
 def test_no_bound_at_all_is_an_error(split, monkeypatch):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
+from optkit.errors import SolverError
 from optkit.instance import Instance
 
 
@@ -39,6 +40,39 @@ class Certificate(Protocol):
     def check(self, instance: Instance) -> Verdict:
         """Recompute the bound from the instance and this certificate alone."""
         ...
+
+
+def prove(bound: Bound, instance: Instance) -> Verdict:
+    """Check a bound's certificate, and that it proves the value that the bound states.
+
+    Raises
+    ------
+    SolverError
+        If the certificate's solution is not feasible, or the certificate proves less than the bound claims.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from optkit import scenario
+    >>> from optkit.bounds import full_information
+    >>> day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    >>> bound = full_information(day)
+    >>> prove(bound, day).bound == bound.value
+    True
+    >>> prove(replace(bound, value=0.9 * bound.value), day)
+    Traceback (most recent call last):
+    ...
+    optkit.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
+    """
+    verdict = bound.certificate.check(instance)
+    if verdict.residual > 0:
+        raise SolverError(f"the certificate's solution breaks a constraint by {verdict.residual:.3g}")
+    # The same sums in another order: rounding of the money in play.
+    money = max(1.0, abs(bound.value), float(abs(instance.penalty.sum())))
+    if not verdict.bound <= bound.value + 1e-9 * money:
+        claim = f"the bound {bound.value:.9g} that is claimed"
+        raise SolverError(f"the certificate proves {verdict.bound:.9g}, not {claim}")
+    return verdict
 
 
 @dataclass(frozen=True)

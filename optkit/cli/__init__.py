@@ -47,9 +47,14 @@ def main() -> None:
     except OptkitError as error:
         print(f"optkit: {error}", file=sys.stderr)
         sys.exit(2)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(141)
+    except MemoryError:
+        print("optkit: out of memory: take fewer or smaller instances", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        print(f"optkit: {error.strerror or error}", file=sys.stderr)
+        sys.exit(2)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is closing down
 
 
 def _interrupted(*_: object) -> NoReturn:

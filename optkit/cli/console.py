@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optkit.errors import DataError, InputError
+from optkit.errors import InputError
 
 if TYPE_CHECKING:
-    from optkit.scenarios import Scenario, Split
-
-PARTS = ("train", "test", "validation")
+    from optkit.scenarios import Scenario
 
 
 @contextmanager
@@ -51,7 +50,7 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     for row in rows:
         table.add_row(*row)
     # Never cut a number off: in a narrow terminal the lines wrap.
-    console = Console()
+    console = Console(markup=False, emoji=False, highlight=False)
     console.width = max(console.width, console.measure(table, options=console.options.update(width=500)).maximum)
     console.print(table, crop=False)
 
@@ -87,37 +86,29 @@ def open_source(
     raise InputError(f"{source!r} is neither a scenario ({', '.join(TABLE_1)}) nor a folder of instances")
 
 
-def _parsed(settings: Sequence[str]) -> dict[str, float]:
-    """Read NAME=NUMBER; the scenario checks names and ranges."""
-    found = {}
+def _parsed(settings: Sequence[str]) -> dict[str, Any]:
+    """Read NAME=NUMBER, or split=TRAIN,TEST,VALIDATION; the scenario checks ranges."""
+    from optkit.world import Settings
+
+    known = [one.name for one in fields(Settings)]
+    found: dict[str, Any] = {}
     for text in settings:
-        name, equals, number = text.partition("=")
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if equals and name not in known:
+            raise InputError(f"no setting {name!r}; there are {', '.join(known)}")
         try:
-            found[name.strip()] = float(number)
+            found[name] = tuple(map(int, value.split(","))) if name == "split" else float(value)
         except ValueError:
             equals = ""
         if not equals:
-            raise InputError(f"--set {text} is not of the form NAME=NUMBER, for example horizon=1000")
+            raise InputError(f"--set {text} is not of the form NAME=NUMBER, like horizon=1000 (or split=480,120,30)")
     return found
 
 
-def read_split(folder: Path) -> Split:
-    """Read the training, test and validation sets of a folder, or cut one set into parts of 480 : 120 : 30.
-
-    Raises
-    ------
-    DataError
-        If a set cannot be read, or is too small to be cut.
-    """
-    from optkit.scenarios import Split, cut
-    from optkit.storage import load_instances
-
-    if (folder / "train").is_dir() or (folder / "test").is_dir():
-        return Split(*(load_instances(folder / part) if (folder / part).is_dir() else [] for part in PARTS))
-    instances = load_instances(folder)
-    n = len(instances)
-    if n < 2:
-        raise DataError(f"{folder} holds {n} instance(s): at least one to tune on and one to report on are needed")
-    test = max(1, round(n * 120 / 630))
-    validation = round(n * 30 / 630)
-    return cut(instances, (n - test - validation, test, validation))
+def trips_line(origin: dict[str, Any]) -> str | None:
+    """Say what became of the rows of trip records, or None if there were none."""
+    trips = origin.get("trips")
+    if not trips:
+        return None
+    left = ", ".join(f"{count:,} {reason}" for reason, count in trips["dropped"].items() if count) or "none"
+    return f"trips: {trips['rows']:,} rows read from {', '.join(trips['files'])}; left out: {left}"

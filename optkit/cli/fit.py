@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +11,8 @@ import typer
 from optkit.cli.console import print_table
 from optkit.cli.options import Json
 from optkit.errors import InputError, OptkitError
+from optkit.plain import to_json
+from optkit.publish import writable_parent
 
 if TYPE_CHECKING:
     from optkit.models.preferences import Preferences
@@ -40,6 +41,8 @@ def fit(
     names = None if features is None else [name.strip() for name in features.split(",")]
     if out is not None and out.suffix == ".json":
         raise InputError(f"--out {out}: give the text file's name, such as fit.txt; the JSON goes beside it")
+    if out is not None and not (out.resolve().parent.is_dir() and writable_parent(out)):
+        raise InputError(f"--out {out} cannot be written: its folder does not exist, or may not be written to")
     offers = Offers.load(table, names)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EstimationWarning)
@@ -56,7 +59,7 @@ def fit(
     if out is not None:
         _save(out, _text(found, told), plain)
     if as_json:
-        typer.echo(json.dumps(plain, indent=1))
+        typer.echo(to_json(plain))
         return
     for group, results in enumerate(found.results):
         label = "all groups" if found.pooled else f"group {group}"
@@ -107,6 +110,6 @@ def _text(found: Preferences, told: list[str]) -> str:
 def _save(out: Path, text: str, plain: dict[str, Any]) -> None:
     try:
         out.write_text(text)
-        out.with_suffix(".json").write_text(json.dumps(plain, indent=1) + "\n")
+        out.with_suffix(".json").write_text(to_json(plain) + "\n")
     except OSError as error:
         raise OptkitError(f"{out} cannot be written ({error.strerror or error})") from error

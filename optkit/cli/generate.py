@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from optkit.cli.console import PARTS, open_source
+from optkit.cli.console import open_source, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
 from optkit.errors import InputError
 
@@ -29,7 +29,9 @@ def generate(
     as_json: Json = False,
 ) -> None:
     """Draw instances of a scenario and write them: requests, workers and noise as parquet, the rest as JSON."""
+    from optkit.splits import PARTS, has_parts
     from optkit.storage import save_instances
+    from optkit.storage.save import check_replaceable
 
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
@@ -40,10 +42,23 @@ def generate(
         told = {part: {"part": part} for part in PARTS}
     else:
         sets, told = {"": opened.sample(count, sample_seed)}, {"": {"sample_seed": sample_seed}}
+    # All or nothing: look at every target before the first is written.
+    if out.is_dir() and (has_parts(out) if count is not None else (out / "scenario.json").exists()):
+        held = "the sets of a split" if count is not None else "one set"
+        raise InputError(f"{out} holds {held}: choose another --out")
+    for part in sets:
+        if (out / part).exists():
+            try:
+                check_replaceable(out / part, overwrite)
+            except InputError as error:
+                raise InputError(str(error).replace("pass overwrite=True", "pass --overwrite")) from None
     for part, instances in sets.items():
         save_instances(out / part, instances, scenario=opened.describe() | told[part], overwrite=overwrite)
     sizes = {part or "instances": len(instances) for part, instances in sets.items()}
     if as_json:
         typer.echo(json.dumps({"folder": str(out), "scenario": opened.name, "seed": seed, "instances": sizes}))
     else:
+        line = trips_line(opened.describe())
+        if line is not None:
+            typer.echo(line)
         typer.echo(f"{out}: " + ", ".join(f"{size} {part}" for part, size in sizes.items()))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optkit.cli.console import open_source, print_table, progress_bar, read_split
+from optkit.cli.console import open_source, print_table, progress_bar, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ def run(
     mode: Mode = None,
     fraction: Fraction = None,
     settings: Setting = None,
-    verify: Annotated[int, typer.Option(help="Pricing decisions to solve again with CVXPY.")] = 60,
+    verify: Annotated[int, typer.Option(min=0, help="Pricing decisions to solve again with CVXPY.")] = 60,
     out: Annotated[Path | None, typer.Option(help="Results folder; results/<source>-<seed> by default.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -35,20 +34,24 @@ def run(
     writes a folder: summary.json, table.csv, per_instance.parquet and a box plot.
     """
     from optkit.main_job import check_target, run_main_job, write_results
+    from optkit.plain import to_json
+    from optkit.splits import read_split
 
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
-        name, split, origin = opened.resolve().name, read_split(opened), {"folder": opened.resolve().name}
+        split, origin = read_split(opened)
+        name = opened.resolve().name
         folder = out or Path("results") / name
     else:
         name, split, origin = opened.name, opened.split(), opened.describe()
         folder = out or Path("results") / f"{name}-{seed}"
-    check_target(folder)
+    check_target(folder, origin)
     with progress_bar(quiet or as_json) as tell:
         result = run_main_job(split, origin, verify=verify, seed=seed, progress=tell)
-    write_results(folder, result, f"{name}: {len(split.test)} test instances")
+    drawn = len(split.test) - len(result.bound_failures)
+    write_results(folder, result, f"{name}: {drawn} test instances")
     if as_json:
-        typer.echo(json.dumps({"folder": str(folder), **result.to_dict()}, indent=1))
+        typer.echo(to_json({"folder": str(folder), **result.to_dict()}))
     else:
         _print(name, result, folder)
     if not result.verification.holds or result.bound_failures:
@@ -57,15 +60,14 @@ def run(
 
 def _print(name: str, result: RunResult, folder: Path) -> None:
     record = result.record
-    rows = [_row(row) for row in result.comparison.table.to_dict(orient="records")]
+    rows = [_row(row, i == 0) for i, row in enumerate(result.comparison.table.to_dict(orient="records"))]
     sizes = record["instances"]
     title = f"{name}: {sizes['test']} test instances; PP and FP tuned on {sizes['train']} others"
     header = ["policy", "ratio %", "std", "95 % interval", "difference", "served %"]
     print_table(title, header, rows)
-    trips = record["origin"].get("trips")
-    if trips:
-        left = ", ".join(f"{count:,} {reason}" for reason, count in trips["dropped"].items() if count) or "none"
-        typer.echo(f"trips: {trips['rows']:,} rows read from {', '.join(trips['files'])}; left out: {left}")
+    trips = trips_line(record["origin"])
+    if trips is not None:
+        typer.echo(trips)
     pp, fp = record["tuned"]["PP"], record["tuned"]["FP"]
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
     typer.echo("ratio: performance ratio against full information; difference: to the first policy, paired")
@@ -76,6 +78,8 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
             error = f"RMSE {row['rmse']:.3f}, bias {row['mbe']:+.3f}, standard error {row['standard_error']:.3f}"
             data = f"{row['round']} round(s), {row['rejections']} rejections, {row['verdict']}"
             typer.echo(f"utility: {label}: {error}; {data}")
+    for name, why in record["not learned"].items():
+        typer.echo(f"utility: {name} is left out: {why}")
     typer.echo(f"bounds: every certificate checked, largest gap {result.worst_bound_gap:.1e} (money)")
     for i, why in result.bound_failures.items():
         typer.echo(f"bounds: instance {i} is left out: {why}")
@@ -87,14 +91,22 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
     typer.echo(f"results: {folder}")
 
 
-def _row(row: Mapping[Any, Any]) -> list[str]:
-    first = row["difference"] == 0 and row["difference_low"] == row["difference_high"]
-    paired = "" if first else f"{row['difference']:+.2f} [{row['difference_low']:+.2f}, {row['difference_high']:+.2f}]"
+def _row(row: Mapping[Any, Any], first: bool) -> list[str]:
+    paired = f"{_tidy(row['difference']):+.2f} {_interval(row['difference_low'], row['difference_high'], '+.2f')}"
     return [
         row["policy"],
         f"{row['ratio']:.2f}",
-        f"{row['std']:.2f}",
-        f"[{row['low']:.2f}, {row['high']:.2f}]",
-        paired,
+        f"{row['std']:.2f}" if row["instances"] > 1 else "-",
+        _interval(row["low"], row["high"], ".2f"),
+        "" if first else paired,
         f"{100 * row['served']:.1f}",
     ]
+
+
+def _interval(low: float, high: float, form: str) -> str:
+    # NaN: one instance has no interval.
+    return f"[{_tidy(low):{form}}, {_tidy(high):{form}}]" if low == low else "-"
+
+
+def _tidy(number: float) -> float:
+    return round(number, 2) + 0.0  # no "-0.00"

@@ -52,8 +52,9 @@ class Attributes:
         if features.shape[-1] != len(self.names):
             raise InputError(f"requests have {features.shape[-1]} features; the preferences know {len(self.names)}")
         for name, place, known in (("pickup", pickup, self.pickups), ("dropoff", dropoff, self.dropoffs)):
-            if place.size and (place.min() < 0 or place.max() >= known):
-                raise InputError(f"{name} {int(place.max())} is unknown; the preferences know 0..{known - 1}")
+            unknown = (place < 0) | (place >= known)
+            if unknown.any():
+                raise InputError(f"{name} {int(place[unknown][0])} is unknown; the preferences know 0..{known - 1}")
         skip = int(self.reference)
         x = np.zeros((*pickup.shape, len(self.columns)))
         k = len(self.names)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,11 +74,19 @@ class Offers:
             object.__setattr__(self, "features", floats("features", self.features, (m, None)))
             object.__setattr__(self, "compensation", floats("compensation", self.compensation, (m,)))
         except InstanceError as error:
-            raise DataError(f"offers: {error}") from None
+            raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
         names = self.names or tuple(f"feature_{f}" for f in range(self.features.shape[1]))
         if len(names) != self.features.shape[1]:
             raise DataError(f"offers: {len(names)} names for {self.features.shape[1]} features")
         object.__setattr__(self, "names", tuple(names))
+        taken_names = {*_WHOLE, "compensation", "chosen", "constant", "mu"}
+        for at, name in enumerate(names):
+            if name in taken_names or name in names[:at] or re.fullmatch(r"(pickup|dropoff)_\d+", name):
+                raise DataError(f"offers: a feature cannot be called {name!r}: the name is taken; rename the column")
+        absurd = np.abs(self.compensation) > 1e100
+        if absurd.any():
+            i = int(absurd.argmax())
+            raise DataError(f"offers: compensation in row {i} is {self.compensation[i]:.3g}, beyond any money")
         for name in ("group", "pickup", "dropoff"):
             column = getattr(self, name)
             if (column < 0).any():
@@ -181,11 +191,11 @@ class Offers:
             try:
                 matrix[:, f] = floats(str(name), frame[name].to_numpy(), (len(frame),))
             except InstanceError as error:
-                raise DataError(f"offers: {error}") from None
+                raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
         return cls(situation=code, features=matrix, names=tuple(map(str, chosen)), **columns)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the log to a parquet file, whole or not at all.
+        """Write the log to a parquet file, whole or not at all; situations are read back as 0, 1, ... in their order.
 
         Raises
         ------
@@ -196,6 +206,8 @@ class Offers:
         import pyarrow.parquet as pq
 
         target = Path(path)
+        if not target.name:
+            raise InputError(f"{str(path)!r} names no file to write the offers to")
         table = pa.Table.from_pandas(self.to_frame(), preserve_index=False)
         table = table.replace_schema_metadata({"optkit-offers": str(SCHEMA)})
         staging = target.with_name(f".{target.name}.tmp")
@@ -203,7 +215,8 @@ class Offers:
             pq.write_table(table, staging)
             os.replace(staging, target)
         except OSError as error:
-            staging.unlink(missing_ok=True)
+            with suppress(OSError):
+                staging.unlink(missing_ok=True)
             raise OptkitError(f"{target} cannot be written ({error.strerror or error})") from error
         return target
 

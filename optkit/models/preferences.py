@@ -67,8 +67,9 @@ class Preferences:
         """
         if self.pooled:
             return np.zeros_like(group)
-        if group.size and group.max() >= len(self.scale):
-            raise InputError(f"worker group {int(group.max())} is unknown; there are 0..{len(self.scale) - 1}")
+        unknown = (group < 0) | (group >= len(self.scale))
+        if unknown.any():
+            raise InputError(f"worker group {int(group[unknown][0])} is unknown; there are 0..{len(self.scale) - 1}")
         return group
 
     def utility_of(self, features: Floats, pickup: Ints, dropoff: Ints, group: Ints) -> Floats:

@@ -93,7 +93,9 @@ def read_description(folder: str | os.PathLike[str]) -> dict[str, Any]:
 def _check_document(path: Path, document: dict[str, Any]) -> None:
     for key, kind in (("scenario", dict), ("features", int), ("groups", int), ("files", dict), ("instances", list)):
         value = document.get(key)
-        if not isinstance(value, kind) or (kind is int and not is_number(value, whole=True)):
+        if not isinstance(value, kind) or (
+            isinstance(value, int) and (type(value) is bool or not 0 <= value < 100_000)
+        ):
             raise damaged(path, f"has no valid entry {key!r}")
 
     def per_group(value: Any) -> bool:

@@ -15,7 +15,7 @@ from scipy import sparse
 from optkit import __version__
 from optkit.errors import InputError, OptkitError
 from optkit.instance import Instance
-from optkit.publish import publish, set_aside
+from optkit.publish import foreign_entry, publish, set_aside
 from optkit.storage.schema import COLUMNS, FORMAT, SCHEMA, ZEROS, Columns, parse, read_bytes, seal, table_schema
 
 
@@ -72,7 +72,7 @@ def save_instances(
     target = Path(folder).resolve()
     replacing = os.path.lexists(target)
     if replacing:
-        _check_replaceable(Path(folder), overwrite)
+        check_replaceable(Path(folder), overwrite)
     contents = _contents(items, scenario)
     try:
         publish(target, contents, replacing)
@@ -96,16 +96,17 @@ def _checked(instances: Iterable[Instance]) -> list[Instance]:
     return items
 
 
-def _check_replaceable(folder: Path, overwrite: bool) -> None:
+def check_replaceable(folder: Path, overwrite: bool) -> None:
+    """Raise an InputError unless an existing folder is an instance set, and nothing else, that may be overwritten."""
     if not overwrite:
         raise InputError(f"{folder} exists: choose another folder, or pass overwrite=True to replace an instance set")
     path = folder / "scenario.json"
     document = parse(read_bytes(path)) if path.is_file() else None
     if document is None or document.get("format") != FORMAT:
         raise InputError(f"{folder} is not an instance set, so it stays: choose another folder, or remove it yourself")
-    foreign = {entry.name for entry in folder.iterdir()} - {path.name, *(f"{table}.parquet" for table in COLUMNS)}
-    if foreign:
-        raise InputError(f"{folder} also holds {min(foreign)!r}: move that away, or choose another folder")
+    foreign = foreign_entry(folder, (path.name, *(f"{table}.parquet" for table in COLUMNS)))
+    if foreign is not None:
+        raise InputError(f"{folder} also holds {foreign!r}: move that away, or choose another folder")
 
 
 def _contents(items: Sequence[Instance], scenario: dict[str, Any] | None) -> dict[str, bytes]:
