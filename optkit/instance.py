@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from scipy import sparse
 
 from optkit.arrays import Floats, Ints, count, floats, ints, whole_number
 from optkit.errors import InstanceError
+from optkit.fifo import fifo_queue
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -320,39 +320,9 @@ class Instance:
         >>> Instance.from_frames(requests, workers, queue=True).worker_step
         array([1, 2, 3])
         """
-        _need("requests", requests, ["arrival", "expiry", "reward", *features])
-        _need("workers", workers, ["step"])
-        mu = floats("mu", np.atleast_1d(np.asarray(mu)), (None,))
-        numbered = [c for c in requests.columns if isinstance(c, str) and re.fullmatch(r"utility_\d+", c)]
-        columns = [f"utility_{d}" for d in range(len(numbered))] or ["utility"]
-        _need("requests", requests, columns)
-        if mu.size == 1:
-            mu = np.full(len(columns), mu[0])
-        n = len(requests)
-        step = ints("step", workers["step"].to_numpy(), (len(workers),))
-        order = np.argsort(step, kind="stable")
-        step = step[order]
-        group = workers["group"].to_numpy()[order] if "group" in workers else np.zeros(len(step), int)
-        expiry = ints("expiry", requests["expiry"].to_numpy(), (n,))
-        if horizon is None:
-            horizon = int(max(expiry.max(initial=0), step.max(initial=0))) + 1
-        if queue:
-            step, served = fifo_queue(step, horizon)
-            group = group[served]
-        return cls(
-            horizon=horizon,
-            **{name: requests[name].to_numpy() for name in ("arrival", "expiry", "reward")},
-            **{
-                name: requests[name].to_numpy() if name in requests else np.zeros(n, kind)
-                for name, kind in (("penalty", float), ("pickup", int), ("dropoff", int))
-            },
-            features=_columns("features", requests, list(features)),
-            worker_step=step,
-            worker_group=group,
-            utility=_columns("utility", requests, columns).T,
-            mu=mu,
-            outside_utility=outside_utility,  # type: ignore[arg-type]
-        )
+        from optkit.frames import fields_from_frames
+
+        return cls(**fields_from_frames(requests, workers, mu, outside_utility, horizon, features, queue))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Unpickled and copied arrays come writable.
@@ -375,58 +345,6 @@ class Instance:
         return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
 
     __hash__ = None  # type: ignore[assignment]
-
-
-def fifo_queue(arrival: npt.ArrayLike, horizon: int) -> tuple[Ints, Ints]:
-    """Line workers up: one is seen per step, in order of arrival, and stays for that step only (paper section 2.2).
-
-    Parameters
-    ----------
-    arrival : (J,) int, non-decreasing
-        The step at which each worker joins the queue.
-    horizon : int
-        Number of steps; workers whose turn does not come before it are not served.
-
-    Raises
-    ------
-    InstanceError
-        If arrivals are not whole numbers in order.
-
-    Returns
-    -------
-    step, served : (S,) int
-        The step at which each served worker is seen, strictly increasing, and the worker's position in ``arrival``.
-
-    Examples
-    --------
-    >>> fifo_queue([0, 0, 0, 5], horizon=6)
-    (array([0, 1, 2, 5]), array([0, 1, 2, 3]))
-    """
-    joined = ints("arrival", arrival, (np.size(arrival),))
-    if (np.diff(joined) < 0).any():
-        j = int((np.diff(joined) < 0).argmax()) + 1
-        raise InstanceError(f"arrival[{j}] = {joined[j]} comes before arrival[{j - 1}]: sort the workers by arrival")
-    place = np.arange(joined.size)
-    # Worker j is seen at max(joined_j, seen_{j-1} + 1), so seen_j - j is the running maximum of joined_j - j.
-    seen = np.maximum.accumulate(joined - place) + place if joined.size else joined
-    served = np.flatnonzero(seen < horizon)
-    return seen[served], served
-
-
-def _need(table: str, frame: pd.DataFrame, columns: Sequence[str]) -> None:
-    missing = [c for c in columns if c not in frame]
-    if missing:
-        have = ", ".join(map(str, frame.columns))
-        raise InstanceError(f"the {table} table has no column {', '.join(map(repr, missing))}; it has: {have}")
-
-
-def _columns(name: str, frame: pd.DataFrame, columns: list[str]) -> Floats:
-    """Return columns of a table as a matrix, (rows, columns); an error names the column."""
-    matrix = np.empty((len(frame), len(columns)))
-    for c, column in enumerate(columns):
-        label = column if column.startswith(name) else f"{name} {column!r}"
-        matrix[:, c] = floats(label, frame[column].to_numpy(), (len(frame),))
-    return matrix
 
 
 def _same(a: Any, b: Any) -> bool:

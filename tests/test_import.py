@@ -1,9 +1,11 @@
 """Importing optkit is quiet and light, and its top level is what it says."""
 
+import ast
 import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -116,3 +118,19 @@ def test_errors_form_one_tree():
 def test_version_is_one():
     """The version is a plain string of numbers."""
     assert [part.isdigit() for part in optkit.__version__.split(".")] == [True] * 3
+
+
+def test_imports_point_one_way():
+    """optkit.models and optkit.bounds know instances, errors and array checks, and nothing else of the kit."""
+    root = Path(__file__).parents[1] / "optkit"
+    allowed = {"optkit.instance", "optkit.errors", "optkit.arrays"}
+    for part in ("models", "bounds"):
+        for path in (root / part).glob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                names = [node.module] if isinstance(node, ast.ImportFrom) else []
+                names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                kit = {name for name in names if name and name.split(".")[0] == "optkit"}
+                assert all(name in allowed or f"{name}.".startswith(f"optkit.{part}.") for name in kit), (
+                    path.name,
+                    kit,
+                )

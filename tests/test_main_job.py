@@ -8,7 +8,8 @@ import pytest
 from optkit import main_job
 from optkit.bounds import full_information
 from optkit.errors import InputError, SolverError
-from optkit.main_job import check_target, run_main_job, write_results
+from optkit.main_job import run_main_job
+from optkit.results import check_target, write_results
 from optkit.scenarios import Split, scenario
 
 

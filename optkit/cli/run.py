@@ -33,8 +33,9 @@ def run(
     bounds each test instance with full information, checks the prices by certificate and with a convex solver, and
     writes a folder: summary.json, table.csv, per_instance.parquet and a box plot.
     """
-    from optkit.main_job import check_target, run_main_job, write_results
+    from optkit.main_job import run_main_job
     from optkit.plain import to_json
+    from optkit.results import check_target, write_results
     from optkit.splits import read_split
 
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
