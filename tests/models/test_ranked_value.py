@@ -63,9 +63,8 @@ def test_order_of_the_columns_does_not_matter():
     value, surplus, left = drawn(4), rng.normal(30, 20, (5, 7)), rng.integers(1, 12, (5, 7)).astype(float)
     member = rng.random((5, 7)) < 0.7
     p = rng.permutation(7)
-    np.testing.assert_allclose(
-        value.value(0, surplus, left, member), value.value(0, *(x[:, p] for x in (surplus, left, member)))
-    )
+    shuffled = [x[:, p] for x in (surplus, left, member)]
+    np.testing.assert_allclose(value.value(0, surplus, left, member), value.value(0, *shuffled))
     cost = value.opportunity_cost(0, surplus, left, member)
     np.testing.assert_allclose(value.opportunity_cost(0, *shuffled), cost[:, p])
 
