@@ -94,8 +94,9 @@ def main() -> None:
             f"{np.mean([row['true'] for row in own]):.2f}",
             *(f"{np.mean(loss[way]):.3f} ({max(loss[way]):.3f})" for way in WAYS),
             f"{max(row['rmse ' + WAYS[0]] for row in own):.3f}",
+            f"{max(row['standard error once'] for row in own):.3f}",
+            ", ".join(row["verdict once"] for row in own),
             f"{max(row['rmse ' + WAYS[1]] for row in own):.3f}",
-            str(min(row["rejections once"] for row in own)),
             " / ".join(f"{np.mean([row[f'seconds {way}'] for row in own]):.2f}" for way in ("once", "active")),
         )
     console.print(table)

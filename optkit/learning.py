@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from optkit.batch import Batch
 from optkit.collection import Explore, RandomOffers, check_seed, collect
@@ -28,6 +29,11 @@ RIDGE = 1e-3
 """L2 penalty of theta where offers leave the level of utility open: a prior deviation of 30 noise scales."""
 
 
+WEAK = 0.25
+"""Standard error of utility, in noise scales, above which it counts as weakly known: choice probabilities near one half
+are then off by some six points."""
+
+
 @dataclass(frozen=True)
 class Learned:
     """Preferences and how they were learned.
@@ -39,17 +45,21 @@ class Learned:
     offers : Offers
         All data.
     rounds : DataFrame
-        One row per round and group: ``round``, ``group``, ``situations``, ``rejections`` (so far), ``verdict`` of the
-        identification report, ``standard_error`` (root mean square over the requests, money), and against the truth
-        ``rmse`` and ``mbe`` (money).
+        One row per round and group: ``round``, ``group``, ``situations``, ``rejections`` (so far), ``standard_error``
+        (root mean square over the requests, money), ``verdict`` ("not identified" by the identification report, "weak"
+        if the standard error exceeds :data:`WEAK` noise scales, "identified"), ``converged`` (of the fit), and against
+        the truth ``rmse`` and ``mbe`` (money).
     converged : bool
         Whether the standard error met the tolerance in every group.
+    tolerance : float
+        That tolerance, in money.
     """
 
     preferences: Preferences
     offers: Offers
     rounds: pd.DataFrame
     converged: bool
+    tolerance: float
 
 
 def learn_once(instances: Sequence[Instance], *, pooled: bool = False, seed: int = 0) -> Learned:
@@ -146,7 +156,7 @@ def learn_preferences(
         policy = Explore(PostDecisionPricing(choice=preferences), deviation, seed=seed + number + 1)
     import pandas as pd
 
-    return Learned(preferences, offers, pd.DataFrame(rows), done)
+    return Learned(preferences, offers, pd.DataFrame(rows), done, tolerance)
 
 
 def _another_day(instances: Sequence[Instance], seed: int, number: int) -> Sequence[Instance]:
@@ -172,7 +182,9 @@ def _attributes(batch: Batch) -> Attributes:
 def _fit(offers: Offers, pooled: bool, attributes: Attributes) -> Preferences:
     """Fit without a penalty, or with a weak one where the data leave something open."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", EstimationWarning)  # told in the record, round by round
+        # Both are told in the record, round by round.
+        warnings.simplefilter("ignore", EstimationWarning)
+        warnings.simplefilter("ignore", ConvergenceWarning)
         try:
             return fit_preferences(offers, pooled=pooled, attributes=attributes)
         except NotIdentifiedError:
@@ -189,6 +201,12 @@ def _round(
         own = offers.take(offers.group == group)
         error = preferences.standard_error(*where, group)
         row["situations"], row["rejections"] = own.n_situations, own.n_situations - own.n_choices
-        row["verdict"] = reports[0 if preferences.pooled else group].verdict
+        model = 0 if preferences.pooled else group
         row["standard_error"] = float(np.sqrt(np.mean(error**2)))
+        row["verdict"] = "identified"
+        if row["standard_error"] > WEAK * preferences.scale[model]:
+            row["verdict"] = "weak"
+        if reports[model].verdict == "not identified":
+            row["verdict"] = "not identified"
+        row["converged"] = bool(preferences.results[model].converged)
     return [{str(key): value for key, value in row.items()} for row in rows]

@@ -129,7 +129,7 @@ def run_main_job(
         "origin": origin,
         "tuned": {"PP": vars(pp.policy), "FP": vars(fp.policy)},
         "instances": {part: len(getattr(split, part)) for part in Split._fields},
-        "learned": {name: _last_round(found) for name, found in learned.items()},
+        "learned": {name: _rounds(found) for name, found in learned.items()},
         "not learned": unlearned,
         "verify": {"sample": verify, "seed": seed},
         "seconds": seconds,
@@ -166,10 +166,9 @@ def _learn(
     return learned, failures
 
 
-def _last_round(learned: Learned) -> list[dict[str, Any]]:
-    rounds = learned.rounds
-    rows = rounds[rounds["round"] == rounds["round"].max()].to_dict(orient="records")
-    return [{str(name): value for name, value in row.items()} for row in rows]
+def _rounds(learned: Learned) -> dict[str, Any]:
+    rows = [{str(name): value for name, value in row.items()} for row in learned.rounds.to_dict(orient="records")]
+    return {"converged": learned.converged, "tolerance": learned.tolerance, "rounds": rows}
 
 
 def versions() -> dict[str, str]:

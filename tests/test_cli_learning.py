@@ -14,6 +14,7 @@ from optkit.cli import main
 from optkit.collection import RandomOffers, collect
 from optkit.models.offers import Offers
 from optkit.models.preference_fit import fit_preferences
+from optkit.splits import read_split
 from optkit.storage import save_instances
 
 
@@ -77,11 +78,11 @@ def test_collect_is_the_librarys_log_of_the_training_instances(optkit, tmp_path)
 
 
 def test_collect_takes_a_folder_of_instances(optkit, tmp_path):
-    """An instance set of one's own is logged whole."""
+    """Of an instance set of one's own, the part that optkit run trains on is logged."""
     instances = scenario("I.1", seed=0).sample(4, seed=0)
     save_instances(tmp_path / "set", instances)
     code, out, _ = optkit("collect", tmp_path / "set", "--out", tmp_path / "o.parquet")
-    want = collect(instances, RandomOffers())
+    want = collect(read_split(tmp_path / "set")[0].train, RandomOffers())
     assert code == 0
     assert f"{len(want)} offers" in out
     np.testing.assert_array_equal(Offers.load(tmp_path / "o.parquet").compensation, want.compensation)

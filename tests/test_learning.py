@@ -16,7 +16,7 @@ from optkit.models.offers import Offers
 from optkit.models.preference_fit import fit_preferences
 from optkit.policies import PostDecisionPricing
 
-COLUMNS = ["round", "group", "rmse", "mbe", "situations", "rejections", "verdict", "standard_error"]
+COLUMNS = ["converged", "round", "group", "rmse", "mbe", "situations", "rejections", "verdict", "standard_error"]
 
 
 @pytest.fixture(scope="module")
@@ -258,3 +258,11 @@ def test_a_negative_seed(days):
     """A seed that NumPy cannot take is an InputError."""
     with pytest.raises(InputError):
         learn_preferences(days[:20], seed=-1)
+
+
+@pytest.mark.parametrize("name", ["I.2", "I.3", "II"])
+def test_a_maximum_that_is_far_out_is_reached(name):
+    """A few days may put the maximum far out, but where nothing is separated Newton gets there: every fit converges."""
+    for seed in range(12):
+        found = learn_preferences(scenario(name, seed=seed).sample(3, seed=seed), seed=seed)
+        assert found.rounds["converged"].all(), seed

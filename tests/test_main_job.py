@@ -8,9 +8,12 @@ import pytest
 from optkit import main_job
 from optkit.bounds import full_information
 from optkit.errors import InputError, SolverError
+from optkit.learning import learn_once, learn_preferences
 from optkit.main_job import run_main_job
+from optkit.policies import PostDecisionPricing
 from optkit.results import check_target, write_results
 from optkit.scenarios import Split, scenario
+from optkit.simulator import simulate
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +74,24 @@ def test_what_cannot_be_learned_is_left_out(split):
     result = run_main_job(hopeless, {}, verify=0)
     assert set(result.record["not learned"]) == {"Learned MNL, paper's data", "Learned MNL, re-estimated"}
     assert result.comparison.table["policy"].tolist() == ["Myopic, true MNL", "FP", "PP"]
+
+
+def test_learned_policies_are_what_they_are_called():
+    """Each learned row of the run is the policy that its name says, learned on the training instances alone."""
+    small = scenario("II", seed=0, split=(40, 6, 0)).split()
+    result = run_main_job(small, {}, verify=0)
+    ways = {
+        "Learned MNL, paper's data": learn_once(small.train),
+        "Learned MNL, re-estimated": learn_preferences(small.train),
+        "Single MNL, re-estimated": learn_preferences(small.train, pooled=True),
+    }
+    ratios = result.comparison.per_instance.set_index("policy")["reward"]
+    for name, learned in ways.items():
+        rows = result.record["learned"][name]["rounds"]
+        assert rows == [{str(k): v for k, v in row.items()} for row in learned.rounds.to_dict(orient="records")]
+        expected = simulate(small.test, PostDecisionPricing(choice=learned.preferences)).reward
+        assert ratios[name].tolist() == expected.tolist()
+    assert ratios["Single MNL, re-estimated"].tolist() != ratios["Learned MNL, re-estimated"].tolist()
 
 
 def test_no_bound_at_all_is_an_error(split, monkeypatch):

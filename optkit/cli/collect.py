@@ -10,6 +10,7 @@ import typer
 
 from optkit.cli.console import open_source
 from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
+from optkit.errors import InputError
 
 
 def collect(
@@ -25,13 +26,18 @@ def collect(
     offer_seed: Annotated[int, typer.Option(help="Seed of the offers.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Make random offers on training instances, and log what was offered and taken."""
+    """Make random offers on training instances, and log what was offered and taken.
+
+    A folder is split as optkit run splits it, so that the test instances stay unseen.
+    """
     from optkit.collection import RandomOffers
     from optkit.collection import collect as log_offers
-    from optkit.storage import load_instances
+    from optkit.splits import read_split
 
+    if out.suffix != ".parquet":
+        raise InputError(f"--out {out} must end in .parquet")
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
-    instances = load_instances(opened) if isinstance(opened, Path) else opened.split().train
+    instances = (read_split(opened)[0] if isinstance(opened, Path) else opened.split()).train
     offers = log_offers(instances, RandomOffers(low, high, seed=offer_seed))
     offers.save(out)
     counts = {"offers": len(offers), "situations": offers.n_situations, "choices": offers.n_choices}

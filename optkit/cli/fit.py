@@ -34,6 +34,8 @@ def fit(
     Columns: **situation** (the decision), **compensation**, **chosen** (0 or 1; none is 1 if all were rejected), and
     the features. **group**, **pickup** and **dropoff** count from 0 and may be left out.
     """
+    from statsmodels.tools.sm_exceptions import ConvergenceWarning
+
     from optkit.models.estimation import EstimationWarning
     from optkit.models.offers import Offers
     from optkit.models.preference_fit import fit_preferences
@@ -46,6 +48,7 @@ def fit(
     offers = Offers.load(table, names)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EstimationWarning)
+        warnings.simplefilter("always", ConvergenceWarning)
         found = fit_preferences(
             offers,
             pooled=pooled,
@@ -54,7 +57,8 @@ def fit(
             scale_penalty=scale_penalty,
             robust=robust,
         )
-    told = [str(one.message) for one in caught if issubclass(one.category, EstimationWarning)]
+    ours = (EstimationWarning, ConvergenceWarning)
+    told = [str(one.message) for one in caught if issubclass(one.category, ours)]
     plain = {"offers": len(offers), "situations": offers.n_situations, **_plain(found), "warnings": told}
     if out is not None:
         _save(out, _text(found, told), plain)
@@ -83,7 +87,10 @@ def _plain(found: Preferences) -> dict[str, Any]:
     numbers = ("llf", "llnull", "aic", "bic", "prsquared", "nobs")
     return {
         "parameters": found.table().to_dict(orient="records"),
-        "models": [{name: float(getattr(results, name)) for name in numbers} for results in found.results],
+        "models": [
+            {"converged": bool(results.converged)} | {name: float(getattr(results, name)) for name in numbers}
+            for results in found.results
+        ],
         "identification": [
             {
                 "verdict": report.verdict,

@@ -73,11 +73,15 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
     typer.echo("ratio: performance ratio against full information; difference: to the first policy, paired")
     typer.echo(f"tuned: PP pays {100 * pp['share']:g} % of the reward; FP weighs {weights}")
-    for name, rows in record["learned"].items():
-        for row in rows:
-            label = f"{name}, group {row['group']}" if len(rows) > 1 else name
-            error = f"RMSE {row['rmse']:.3f}, bias {row['mbe']:+.3f}, standard error {row['standard_error']:.3f}"
-            data = f"{row['round']} round(s), {row['rejections']} rejections, {row['verdict']}"
+    for name, learned in record["learned"].items():
+        last = learned["rounds"][-1]["round"]
+        ends = [end for end in learned["rounds"] if end["round"] == last]
+        for end in ends:
+            label = f"{name}, group {end['group']}" if len(ends) > 1 else name
+            error = f"RMSE {end['rmse']:.3f}, bias {end['mbe']:+.3f}, standard error {end['standard_error']:.3f}"
+            data = f"{end['round']} round(s), {end['rejections']} rejections, {end['verdict']}"
+            if end["standard_error"] > learned["tolerance"] and last > 1:
+                data += f", round limit reached before {learned['tolerance']:g}"
             typer.echo(f"utility: {label}: {error}; {data}")
     for name, why in record["not learned"].items():
         typer.echo(f"utility: {name} is left out: {why}")

@@ -149,12 +149,12 @@ def finite_column(name: str, values: npt.ArrayLike, n: int, rows: Integers) -> F
 
 def finite_design(exog: Floats, rows: Integers, names: Sequence[str]) -> None:
     """Raise InputError, naming column and row, if the design is not finite in ``rows``."""
-    good = np.isfinite(exog)
+    good = np.abs(exog) < 1e100  # beyond, its square overflows; NaN fails too
     if good.all() or (good := good[rows]).all():
         return
     place, column = (int(i) for i in np.argwhere(~good)[0])
     row = int(rows[place])
-    raise InputError(f"column {names[column]} is {exog[row, column]} in row {row}; give finite numbers")
+    raise InputError(f"column {names[column]} is {exog[row, column]} in row {row}; give finite numbers below 1e100")
 
 
 def _one_choice(codes: Integers, labels: pd.Index, taken: Integers, outside: bool) -> None:

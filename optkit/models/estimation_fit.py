@@ -53,6 +53,10 @@ def find_optimum(
             f"asymptotic, and doubtful below {FEW} situations per coefficient"
         )
     one_sided = rejections in (0, likelihood.total)
+    if rejections and rejections < FEW:
+        _warn(f"{rejections:g} rejections are few: the level of the utility is poorly known")
+    if rejections and 0 < likelihood.total - rejections < FEW * len(names) <= likelihood.total:
+        _warn(f"{likelihood.total - rejections:g} choices are few for {len(names)} coefficients")
     if one_sided:
         refuse_separation(likelihood, names, scale, free, rejections)
     unit = np.where(scale > 0, scale, 1.0)
@@ -60,6 +64,17 @@ def find_optimum(
     if not optimum.converged:
         if not one_sided:
             refuse_separation(likelihood, names, scale, free, rejections)
+        if optimum.runaway:  # nothing is separated, so there is a maximum, far out: go on to it
+            optimum = maximise(
+                likelihood,
+                penalties,
+                optimum.params,
+                unit,
+                tolerance=tolerance,
+                max_iterations=max_iterations,
+                watch=False,
+            )
+    if not optimum.converged:
         warnings.warn(
             f"Newton's method stopped after {optimum.iterations} steps, {optimum.decrement:.2g} standard errors "
             "from the maximum; raise maxiter, or look at identification(model)",

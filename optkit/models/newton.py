@@ -59,6 +59,7 @@ def maximise(
     *,
     tolerance: float = 1e-10,
     max_iterations: int = 100,
+    watch: bool = True,
 ) -> Optimum:
     """Maximise ``log-likelihood - sum(penalty * params**2) / 2``.
 
@@ -73,6 +74,9 @@ def maximise(
         On the Newton decrement, in standard errors; rounding is allowed for on top.
     max_iterations : int
         Largest number of steps.
+    watch : bool
+        Stop where the likelihood looks as if it had no maximum, so that the caller can find out. False where a maximum
+        is known to exist, however far out.
 
     Returns
     -------
@@ -97,7 +101,7 @@ def maximise(
         decrement = gain**0.5
         rounding = 64 * np.finfo(float).eps * abs(float(np.trace(curvature))) ** 0.5
         small = float(np.abs(step).max()) <= SMALL_STEP * (1.0 + float(np.abs(params * scale).max()))
-        runaway = decrement <= RUNAWAY and not small
+        runaway = watch and decrement <= RUNAWAY and not small
         converged = decrement <= max(tolerance, rounding) and not runaway
         if converged or runaway or iteration == max_iterations:
             break

@@ -89,8 +89,11 @@ class Offers:
             raise DataError(f"offers: compensation in row {i} is {self.compensation[i]:.3g}, beyond any money")
         for name in ("group", "pickup", "dropoff"):
             column = getattr(self, name)
-            if (column < 0).any():
-                raise DataError(f"offers: {name} in row {int((column < 0).argmax())} is negative; it counts from 0")
+            wrong = (column < 0) | (column > 10_000)
+            if wrong.any():
+                i = int(wrong.argmax())
+                why = "negative" if column[i] < 0 else "too large"
+                raise DataError(f"offers: {name} in row {i} is {why}, {column[i]}; count from 0 without gaps")
         if not np.isin(self.chosen, (0, 1)).all():
             i = int((~np.isin(self.chosen, (0, 1))).argmax())
             raise DataError(f"offers: chosen in row {i} is {self.chosen[i]}, neither 0 nor 1")
@@ -175,6 +178,9 @@ class Offers:
 
         roles = (*_WHOLE, "compensation", "chosen")
         chosen = [c for c in frame.columns if c not in roles] if features is None else list(features)
+        unnamed = [c for c in chosen if not str(c).strip() or str(c).startswith("Unnamed:")]
+        if unnamed:
+            raise DataError("the offers have a column without a name (a row number?): drop it, or name the features")
         missing = [c for c in ("situation", "compensation", "chosen", *chosen) if c not in frame]
         if missing:
             have = ", ".join(map(str, frame.columns))

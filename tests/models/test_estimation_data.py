@@ -254,3 +254,20 @@ def test_errors_in_the_data_of_a_formula_stay_what_they_are():
         ConditionalLogit.from_formula("choice ~ 0 + pay", data, groups="trip")
     with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):
         ConditionalLogit.from_formula("choice ~ 0 + pay", data, groups="trip", colour="red")
+
+
+def test_few_rejections_are_told():
+    """Two rejections in 400 situations are few, however many choices there are: the warning counts them."""
+    rng = np.random.default_rng(0)
+    x = pd.DataFrame({"level": 1.0, "pay": rng.normal(size=400)})
+    chosen = np.ones(400)
+    chosen[[3, 7]] = 0
+    with pytest.warns(EstimationWarning, match="2 rejections are few"):
+        ConditionalLogit(chosen, x, np.arange(400), outside_option=True).fit()
+
+
+def test_huge_features_are_refused_by_name():
+    """A column of 1e160 overflows when squared: it is refused with its name, not with an error of the solver's."""
+    x = pd.DataFrame({"pay": [1.0, 2.0, 1.0, 3.0], "far": [1e160, 2.0, 1.0, 4.0]})
+    with pytest.raises(InputError, match="far"):
+        ConditionalLogit([1, 0, 0, 1], x, [0, 0, 1, 1])
