@@ -81,8 +81,9 @@ def main() -> None:
         "true %",
         *WAYS,
         "RMSE once",
+        "SE once",
+        "weak once",
         "RMSE re-est.",
-        "fewest rejections once",
         "s once / active",
     ):
         table.add_column(column, justify="right")
@@ -95,7 +96,7 @@ def main() -> None:
             *(f"{np.mean(loss[way]):.3f} ({max(loss[way]):.3f})" for way in WAYS),
             f"{max(row['rmse ' + WAYS[0]] for row in own):.3f}",
             f"{max(row['standard error once'] for row in own):.3f}",
-            ", ".join(row["verdict once"] for row in own),
+            f"{sum('weak' in row['verdict once'] for row in own)} of {len(own)}",
             f"{max(row['rmse ' + WAYS[1]] for row in own):.3f}",
             " / ".join(f"{np.mean([row[f'seconds {way}'] for row in own]):.2f}" for way in ("once", "active")),
         )

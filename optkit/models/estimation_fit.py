@@ -53,7 +53,7 @@ def find_optimum(
             f"asymptotic, and doubtful below {FEW} situations per coefficient"
         )
     one_sided = rejections in (0, likelihood.total)
-    if rejections and rejections < FEW:
+    if rejections and rejections < FEW and likelihood.total >= FEW * len(names):
         _warn(f"{rejections:g} rejections are few: the level of the utility is poorly known")
     if rejections and 0 < likelihood.total - rejections < FEW * len(names) <= likelihood.total:
         _warn(f"{likelihood.total - rejections:g} choices are few for {len(names)} coefficients")
