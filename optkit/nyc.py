@@ -13,7 +13,7 @@ import numpy as np
 from optkit.episodes import MODES, Episode, Mode, cut_episodes
 from optkit.errors import DataError, InputError
 from optkit.instance import Instance
-from optkit.scenarios import Scenario, Split, adjust, cut, seed_sequence, world_generator
+from optkit.scenarios import Scenario, Split, adjust, check_count, cut, seed_sequence, world_generator
 from optkit.trip_files import Paths
 from optkit.trips import REGIONS, Trips, read_trips
 from optkit.world import TABLE_1, Requests, World, furnish
@@ -81,8 +81,7 @@ class TripScenario(Scenario):
         InputError
             If ``count`` or ``seed`` is negative.
         """
-        if not isinstance(count, int | np.integer) or count < 0:
-            raise InputError(f"count = {count} is negative or no whole number; ask for 0 or more instances")
+        check_count(count)
         shuffled = np.random.default_rng(seed_sequence(seed)).permutation(len(self.episodes))
         return [int(shuffled[i % shuffled.size]) for i in range(count)]
 

@@ -66,8 +66,7 @@ class Scenario:
         InputError
             If ``count`` or ``seed`` is negative.
         """
-        if not isinstance(count, int | np.integer) or count < 0:
-            raise InputError(f"count = {count} is negative or no whole number; ask for 0 or more instances")
+        check_count(count)
         return [self.instance(child) for child in seed_sequence(seed).spawn(count)]
 
     def split(self) -> Split:
@@ -191,6 +190,12 @@ def cut(drawn: list[Instance], sizes: tuple[int, int, int]) -> Split:
     """Cut a list into training, test and validation instances, in that order."""
     train, test, _ = sizes
     return Split(drawn[:train], drawn[train : train + test], drawn[train + test : sum(sizes)])
+
+
+def check_count(count: int) -> None:
+    """Raise an InputError unless ``count`` is a whole number of at least 0."""
+    if not isinstance(count, int | np.integer) or count < 0:
+        raise InputError(f"count = {count} is negative or no whole number; ask for 0 or more instances")
 
 
 def seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
