@@ -13,7 +13,8 @@ import numpy as np
 from optkit.episodes import MODES, Episode, Mode, cut_episodes
 from optkit.errors import DataError, InputError
 from optkit.instance import Instance
-from optkit.scenarios import Scenario, Split, adjust, check_count, cut, seed_sequence, world_generator
+from optkit.scenarios import Scenario, Split, adjust, cut, world_generator
+from optkit.seeds import check_count, seed_sequence
 from optkit.trip_files import Paths
 from optkit.trips import REGIONS, Trips, read_trips
 from optkit.world import TABLE_1, Requests, World, furnish

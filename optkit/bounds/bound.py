@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from optkit.errors import SolverError
-from optkit.instance import Instance
 
 
 @dataclass(frozen=True)
@@ -33,16 +32,19 @@ class Verdict:
         return self.bound - self.attained
 
 
+Subject_contra = TypeVar("Subject_contra", contravariant=True)
+
+
 @runtime_checkable
-class Certificate(Protocol):
+class Certificate(Protocol[Subject_contra]):
     """A proof of an upper bound that anybody can check."""
 
-    def check(self, instance: Instance) -> Verdict:
-        """Recompute the bound from the instance and this certificate alone."""
+    def check(self, subject: Subject_contra, /) -> Verdict:
+        """Recompute the bound from what is bounded, an instance or a model, and this certificate alone."""
         ...
 
 
-def prove(bound: Bound, instance: Instance) -> Verdict:
+def prove(bound: Bound, subject: Any) -> Verdict:
     """Check a bound's certificate, and that it proves the value that the bound states.
 
     Raises
@@ -64,11 +66,11 @@ def prove(bound: Bound, instance: Instance) -> Verdict:
     ...
     optkit.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
     """
-    verdict = bound.certificate.check(instance)
+    verdict = bound.certificate.check(subject)
     if verdict.residual > 0:
         raise SolverError(f"the certificate's solution breaks a constraint by {verdict.residual:.3g}")
     # The same sums in another order: rounding of the money in play.
-    money = max(1.0, abs(bound.value), float(abs(instance.penalty.sum())))
+    money = max(1.0, abs(bound.value), float(abs(subject.penalty.sum())))
     if not verdict.bound <= bound.value + 1e-9 * money:
         claim = f"the bound {bound.value:.9g} that is claimed"
         raise SolverError(f"the certificate proves {verdict.bound:.9g}, not {claim}")
@@ -108,12 +110,12 @@ class Bound:
     kind : str
         What is assumed known: ``"full information"``, ...
     certificate : Certificate
-        Its proof; ``certificate.check(instance)`` recomputes the bound.
+        Its proof; ``certificate.check(instance)`` recomputes the bound (of a model, ``certificate.check(model)``).
     solver : SolverRecord
         How it was found.
     """
 
     value: float
     kind: str
-    certificate: Certificate
+    certificate: Certificate[Any]
     solver: SolverRecord

@@ -131,7 +131,7 @@ def certify(
     infeasibility = (
         np.where(shown, -c, 0.0).max(axis=1, keepdims=True, initial=0.0) if nonnegative else np.zeros_like(profit)
     )
-    bound, rounding = _dual_bound(d, nonnegative)
+    bound, rounding = dual_bound(d, nonnegative)
     multiplier = np.where(shown, np.maximum(d.mu + bound - d.value, 0.0), 0.0) if nonnegative else np.zeros(c.shape)
     gap = bound - profit
     allowed = tolerance * (d.mu + np.abs(bound)) + rounding
@@ -148,7 +148,7 @@ def certify(
     )
 
 
-def _dual_bound(d: Decisions, nonnegative: bool) -> tuple[Floats, Floats]:
+def dual_bound(d: Decisions, nonnegative: bool) -> tuple[Floats, Floats]:
     """Return a certified R, (S, 1), and the rounding of the data that it allows for, (S, 1), both in money."""
     ratio = (closed_form.nonnegative(d) if nonnegative else closed_form.unconstrained(d)).ratio
     magnitude = np.abs(d.value) / d.mu + np.abs(d.logit)
