@@ -131,7 +131,7 @@ def test_imports_point_one_way():
                 names = [node.module] if isinstance(node, ast.ImportFrom) else []
                 names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 kit = {name for name in names if name and name.split(".")[0] == "optkit"}
-                assert all(name in allowed or name.startswith(own) for name in kit), (
+                assert all(name in allowed or f"{name}.".startswith(own) for name in kit), (
                     path.name,
                     kit,
                 )
