@@ -12,6 +12,7 @@ from scipy import sparse
 
 from optkit.errors import InputError, InstanceError
 from optkit.instance import Floats, Instance, Ints
+from optkit.presence import busy_steps
 
 
 class Noise(Protocol):
@@ -152,6 +153,11 @@ class Batch:
         owner = np.repeat(np.arange(len(self)), np.diff(self.worker_start))
         at[self._join("worker_step")[: owner.size].astype(np.int64), owner] = np.arange(owner.size)
         return at
+
+    @cached_property
+    def busy(self) -> Ints:
+        """For how many steps, up to and with each, a worker has been seen without a break, (T, B)."""
+        return busy_steps(self.worker_at >= 0)
 
     @cached_property
     def arrivals(self) -> tuple[Ints, Ints]:

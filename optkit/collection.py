@@ -87,6 +87,36 @@ class Explore:
         return np.maximum(offer + rng.normal(0.0, self.deviation, offer.shape), 0.0)
 
 
+class OfferLog:
+    """An observer of simulations that logs what was offered and taken."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Ints | Floats, ...]] = []
+        self._seen = 0
+
+    def __call__(self, state: State, offer: Floats, taken: Ints) -> None:
+        """Log one step's decisions."""
+        b, w = np.nonzero(state.offered)
+        chosen = (taken[b] == w).astype(np.int64)
+        where = (state.pickup[b, w], state.dropoff[b, w])
+        self._parts.append((self._seen + b, state.group[b], state.features[b, w], *where, offer[b, w], chosen))
+        self._seen += len(state.worker)
+
+    def offers(self) -> Offers:
+        """Return the log, one situation per worker who saw at least one request.
+
+        Raises
+        ------
+        InputError
+            If no worker saw any request.
+        """
+        if not self._parts:
+            raise InputError("no worker saw any request in these instances: there is nothing to log")
+        columns = map(np.concatenate, zip(*self._parts, strict=True))
+        situation, group, features, pickup, dropoff, compensation, chosen = columns
+        return Offers(situation, group, features, pickup, dropoff, compensation, chosen)
+
+
 def collect(instances: Sequence[Instance], policy: Policy) -> Offers:
     """Run a policy through instances and log what it offered and what was taken.
 
@@ -114,19 +144,6 @@ def collect(instances: Sequence[Instance], policy: Policy) -> Offers:
     >>> log.n_situations >= log.n_choices > 0
     True
     """
-    parts: list[tuple[Ints | Floats, ...]] = []
-    seen = 0
-
-    def look(state: State, offer: Floats, taken: Ints) -> None:
-        nonlocal seen
-        b, w = np.nonzero(state.offered)
-        chosen = (taken[b] == w).astype(np.int64)
-        where = (state.pickup[b, w], state.dropoff[b, w])
-        parts.append((seen + b, state.group[b], state.features[b, w], *where, offer[b, w], chosen))
-        seen += len(state.worker)
-
-    simulate(instances, policy, observe=look)
-    if not parts:
-        raise InputError("no worker saw any request in these instances: there is nothing to log")
-    situation, group, features, pickup, dropoff, compensation, chosen = map(np.concatenate, zip(*parts, strict=True))
-    return Offers(situation, group, features, pickup, dropoff, compensation, chosen)
+    log = OfferLog()
+    simulate(instances, policy, observe=log)
+    return log.offers()

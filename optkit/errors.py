@@ -31,3 +31,7 @@ class SolverError(OptkitError, RuntimeError):
 
 class MissingExtraError(OptkitError, ImportError):
     """An optional dependency is needed; the message names the extra that installs it."""
+
+
+class TrainingError(OptkitError, RuntimeError):
+    """Training diverged or did not get anywhere; what it led to is not returned."""

@@ -130,7 +130,7 @@ def learn_preferences(
     batch = Batch.of(instances)
     if not len(batch):
         raise InputError("learning needs at least one instance")
-    attributes = _attributes(batch)
+    attributes = known_attributes(batch)
     N = int(batch.request_start[-1])
     where = (batch.features[:N], batch.pickup[:N], batch.dropoff[:N])
     truth = batch.utility[:, :N] - np.concatenate(
@@ -140,12 +140,12 @@ def learn_preferences(
     logs: list[Offers] = []
     rows: list[dict[str, Any]] = []
     for number in range(rounds):
-        logs.append(collect(_another_day(batch.instances, seed, number), policy))
+        logs.append(collect(another_day(batch.instances, seed, number), policy))
         offers = Offers.join(logs)
         absent = sorted(set(range(batch.groups)) - set(offers.group.tolist()))
         if absent and not pooled:
             raise DataError(f"group {absent[0]} was offered nothing: learn from more instances, or with pooled=True")
-        preferences = _fit(offers, pooled, attributes)
+        preferences = refit(offers, pooled, attributes)
         own = _round(preferences, offers, where, truth)
         rows += [{"round": number + 1, **row} for row in own]
         done = all(row["verdict"] != "not identified" and row["standard_error"] <= tolerance for row in own)
@@ -159,7 +159,8 @@ def learn_preferences(
     return Learned(preferences, offers, pd.DataFrame(rows), done, tolerance)
 
 
-def _another_day(instances: Sequence[Instance], seed: int, number: int) -> Sequence[Instance]:
+def another_day(instances: Sequence[Instance], seed: int, number: int) -> Sequence[Instance]:
+    """Return the instances with the workers' noise drawn anew for round ``number``; round 0 has their own."""
     if number == 0:
         return instances
     # A key of two parts that begins with 2: scenarios use one part, (0, 0) and (1, ...), see world_generator.
@@ -173,14 +174,14 @@ def _outside(one: Instance, groups: int) -> Floats:
     return full
 
 
-def _attributes(batch: Batch) -> Attributes:
+def known_attributes(batch: Batch) -> Attributes:
     """Return attributes that know every place of every request, also of those that nobody has seen yet."""
     names = tuple(f"feature_{f}" for f in range(batch.features.shape[1]))
     return Attributes(names, int(batch.pickup.max(initial=0)) + 1, int(batch.dropoff.max(initial=0)) + 1)
 
 
-def _fit(offers: Offers, pooled: bool, attributes: Attributes) -> Preferences:
-    """Fit without a penalty, or with a weak one where the data leave something open."""
+def refit(offers: Offers, pooled: bool, attributes: Attributes) -> Preferences:
+    """Fit preferences without a penalty, or with a weak one where the data leave something open."""
     with warnings.catch_warnings():
         # Both are told in the record, round by round.
         warnings.simplefilter("ignore", EstimationWarning)

@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from typing import Any
+from typing import Any, NamedTuple
 
 from optkit import __version__
-from optkit.bounds import full_information
+from optkit.bounds import Bound, full_information
 from optkit.bounds.bound import prove
 from optkit.collection import collect
 from optkit.comparison import Comparison, compare
@@ -19,12 +19,21 @@ from optkit.instance import Instance
 from optkit.learning import Learned, learn_once, learn_preferences
 from optkit.policies import PostDecisionPricing
 from optkit.scenarios import Split
-from optkit.simulator import Policy
+from optkit.simulator import Policy, simulate
+from optkit.trained import Trained
+from optkit.training import Choice, Settings, train
 from optkit.tuning import tune_formula, tune_reward_percentage
 from optkit.verification import Verification, verify_pricing
 
 Progress = Callable[[str, int, int], object]
 """Called with the name of the stage, the number of things done in it and their total."""
+
+TRAININGS: dict[str, tuple[str, Choice]] = {
+    "Linear, true MNL": ("linear", "true"),
+    "Kernel, true MNL": ("kernel", "true"),
+    "Linear, learned MNL": ("linear", "learned"),
+}
+"""Value function and choice model of each trained policy, as in :func:`optkit.training.train`."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +45,7 @@ class RunResult:
     comparison : Comparison
         Policies on the test instances against the full-information bound.
     verification : Verification
-        Checks of the pricing policy's decisions on the test instances.
+        Checks of all decisions of the policies that price optimally by their beliefs, on the test instances.
     worst_bound_gap : float
         Largest gap between bound and matching that the bounds' certificates show when checked, in money.
     bound_failures : dict
@@ -65,18 +74,19 @@ class RunResult:
 def run_main_job(
     split: Split, origin: dict[str, Any], *, verify: int = 60, seed: int = 0, progress: Progress | None = None
 ) -> RunResult:
-    """Tune the benchmarks on training instances, then run, bound and verify on the test instances.
+    """Tune, learn and train on training instances, then run, bound and verify on the test instances.
 
     Parameters
     ----------
     split : Split
-        Training instances for the grid searches of PP and FP; test instances for everything that is reported.
+        Training instances for the grid searches of PP and FP, for preferences and for value functions; validation
+        instances to choose between rounds of training; test instances for everything that is reported.
     origin : dict
         Where the instances come from, as plain data; kept in the record.
     verify : int
         Number of pricing decisions to solve again with CVXPY.
     seed : int
-        Chooses these decisions.
+        Of learning, of training, and of the choice of these decisions.
     progress : callable, optional
         Called with stage, done and total.
 
@@ -102,8 +112,82 @@ def run_main_job(
     clock = timed("tune PP", clock)
     fp = tune_formula(split.train, progress=lambda k, n: tell("tuning FP", k, n))
     clock = timed("tune FP", clock)
+    kept, bounds, failures, worst = proven_bounds(split.test, tell)
+    tests = [split.test[i] for i in kept]
+    clock = timed("bounds", clock)
+    learned, unlearned = _learn(split.train, tests, seed, tell)
+    clock = timed("learn", clock)
+    trained, untrained = _train(split, tests, seed, tell)
+    clock = timed("train", clock)
+    pricing = {"Myopic, true MNL": PostDecisionPricing()}
+    pricing |= {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
+    pricing |= {name: found.policy for name, found in trained.items()}
+    policies: dict[str, Policy] = {**pricing, "FP": fp.policy, "PP": pp.policy}
+    comparison = compare(tests, policies, bounds, labels=kept)
+    clock = timed("simulate", clock)
+    verification = verify_pricing(
+        tests, list(pricing.values()), sample=verify, seed=seed, progress=lambda k, n: tell("verifying", k, n)
+    )
+    timed("verify", clock)
+    record = {
+        "origin": origin,
+        "tuned": {"PP": vars(pp.policy), "FP": vars(fp.policy)},
+        "instances": {part: len(getattr(split, part)) for part in Split._fields},
+        "learned": {name: _rounds(found) for name, found in learned.items()},
+        "not learned": unlearned,
+        "trained": {name: {"settings": found.settings, "rounds": found.record} for name, found in trained.items()},
+        "not trained": untrained,
+        "verify": {"sample": verify, "seed": seed, "policies": list(pricing)},
+        "seconds": seconds,
+        "versions": versions(),
+    }
+    return RunResult(comparison, verification, worst, failures, record)
+
+
+class ProvenBounds(NamedTuple):
+    """Full-information bounds of instances, each with its certificate checked.
+
+    Attributes
+    ----------
+    kept : list of int
+        Positions of the instances that could be bounded.
+    bounds : list of Bound
+        Their bounds.
+    failures : dict
+        By position, why others could not be bounded.
+    worst_gap : float
+        Largest gap between bound and matching, in money.
+    """
+
+    kept: list[int]
+    bounds: list[Bound]
+    failures: dict[int, str]
+    worst_gap: float
+
+
+def proven_bounds(instances: Sequence[Instance], progress: Progress | None = None) -> ProvenBounds:
+    """Bound instances with full information, and check every certificate.
+
+    Parameters
+    ----------
+    instances : sequence of Instance
+        Their noise must be realised.
+    progress : callable, optional
+        Called with "bounding", the number of instances done, and their number.
+
+    Raises
+    ------
+    SolverError
+        If there are instances and none could be bounded.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> proven_bounds(scenario("I.1", seed=0).sample(3, seed=1)).kept
+    [0, 1, 2]
+    """
     kept, bounds, failures, worst = [], [], {}, 0.0
-    for i, one in enumerate(split.test):
+    for i, one in enumerate(instances):
         try:
             bound = full_information(one)
             worst = max(worst, prove(bound, one).gap)
@@ -112,30 +196,11 @@ def run_main_job(
         else:
             kept.append(i)
             bounds.append(bound)
-        tell("bounding", i + 1, len(split.test))
-    if not bounds:
-        raise SolverError(f"none of {len(split.test)} test instances could be bounded; the first: {failures[0]}")
-    tests = [split.test[i] for i in kept]
-    clock = timed("bounds", clock)
-    learned, unlearned = _learn(split.train, tests, seed, tell)
-    clock = timed("learn", clock)
-    beliefs = {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
-    policies: dict[str, Policy] = {"Myopic, true MNL": PostDecisionPricing(), **beliefs}
-    comparison = compare(tests, policies | {"FP": fp.policy, "PP": pp.policy}, bounds, labels=kept)
-    clock = timed("simulate", clock)
-    verification = verify_pricing(tests, sample=verify, seed=seed, progress=lambda k, n: tell("verifying", k, n))
-    timed("verify", clock)
-    record = {
-        "origin": origin,
-        "tuned": {"PP": vars(pp.policy), "FP": vars(fp.policy)},
-        "instances": {part: len(getattr(split, part)) for part in Split._fields},
-        "learned": {name: _rounds(found) for name, found in learned.items()},
-        "not learned": unlearned,
-        "verify": {"sample": verify, "seed": seed},
-        "seconds": seconds,
-        "versions": versions(),
-    }
-    return RunResult(comparison, verification, worst, failures, record)
+        if progress is not None:
+            progress("bounding", i + 1, len(instances))
+    if failures and not bounds:
+        raise SolverError(f"none of {len(instances)} instances could be bounded; the first: {failures[0]}")
+    return ProvenBounds(kept, bounds, failures, worst)
 
 
 def _learn(
@@ -166,6 +231,28 @@ def _learn(
     return learned, failures
 
 
+def _train(
+    split: Split, tests: Sequence[Instance], seed: int, tell: Progress
+) -> tuple[dict[str, Trained], dict[str, str]]:
+    """Train value functions; one that comes to nothing, or does not know the tests, comes second with the reason."""
+    trained, failures = {}, {}
+    rounds = len(Settings().deviations)
+    for number, (name, (value, choice)) in enumerate(TRAININGS.items()):
+
+        def tell_round(done: int, _: int, before: int = number * rounds) -> None:
+            tell("training", before + done, len(TRAININGS) * rounds)
+
+        try:
+            found = train(split, value, choice=choice, seed=seed, progress=tell_round)
+            simulate(tests, found.policy)  # does it know the steps and places of the tests?
+        except OptkitError as error:
+            failures[name] = str(error)
+            tell_round(rounds, rounds)
+        else:
+            trained[name] = found
+    return trained, failures
+
+
 def _rounds(learned: Learned) -> dict[str, Any]:
     rows = [{str(name): value for name, value in row.items()} for row in learned.rounds.to_dict(orient="records")]
     return {"converged": learned.converged, "tolerance": learned.tolerance, "rounds": rows}
@@ -173,5 +260,5 @@ def _rounds(learned: Learned) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of optkit, Python and the packages that the numbers depend on."""
-    packages = ("numpy", "scipy", "cvxpy", "clarabel", "highspy")
+    packages = ("numpy", "scipy", "scikit-learn", "statsmodels", "cvxpy", "clarabel", "highspy")
     return {"optkit": __version__, "python": platform.python_version()} | {p: metadata.version(p) for p in packages}

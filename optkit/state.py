@@ -91,6 +91,11 @@ class State:
         return _sealed(self.batch.worker_group[self.worker])
 
     @cached_property
+    def busy(self) -> Ints:
+        """For how many steps in a row, this one included, a worker has been seen, (b,)."""
+        return _sealed(self.batch.busy[self.step, self.instance])
+
+    @cached_property
     def utility(self) -> Floats:
         """True mean utility of each request to the worker, (b, w), money."""
         true = self.batch.utility

@@ -1,249 +1,326 @@
-"""Fitting the value of waiting by approximate value iteration (paper section 3.3, Algorithm 1), on differences.
+"""From raw instances to a policy: preferences and the value of waiting, learned in shared rounds (paper section 3.4).
 
-Prices depend on the value function through opportunity costs alone, so these are what is fitted: for every visited
-post-decision set S and every i in it, V(S) - V(S without i) is regressed on the difference of Lemma 1's targets with
-the same new arrivals. No level is needed, the worker's arrival and group enter in expectation, and one backward sweep
-over the steps suffices because the target of step t uses the coefficients of step t + 1 only.
+Each round simulates the current prices plus noise, refits the preferences on all offers so far unless they are given,
+and fits the value function by approximate value iteration (Algorithm 1) on the sets that waited. Validation instances
+choose the round and the seed, and tell whether training has led anywhere.
 """
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from optkit.batch import Batch
-from optkit.collection import Explore, check_seed
-from optkit.errors import InputError
+from optkit.beliefs import BelievedValue, believed_requests, believed_workers
+from optkit.collection import Explore, OfferLog, check_seed
+from optkit.errors import InputError, TrainingError
 from optkit.instance import Floats, Instance, Ints
-from optkit.models.closed_form import nonnegative
-from optkit.models.decision import Decisions
+from optkit.learning import Learned, another_day, known_attributes, learn_preferences, refit
+from optkit.metrics import mean_interval
+from optkit.models.experience import Experience
+from optkit.models.offers import Offers
 from optkit.models.preferences import Preferences
-from optkit.models.ranked_value import Bools, RankedValue
-from optkit.policies import ChoiceModel, PostDecisionPricing, TrueChoice
-from optkit.simulator import simulate
+from optkit.models.request_sets import SetValue
+from optkit.policies import PostDecisionPricing, TrueChoice
+from optkit.scenarios import Scenario, Split
+from optkit.simulator import Policy, simulate
 from optkit.state import State
+from optkit.trained import Trained
 
-TIME_KNOTS, RANK_KNOTS = (1.0, 3.0, 10.0), (0.0, 1.0, 4.0)
-"""Steps left and ranks at which the value function bends; surplus bends at its 3 and 97 per cent quantiles."""
+Choice = Literal["learned", "pooled", "true"] | Preferences
+"""Preferences to learn (one model a group, or one for all), the true ones, or given ones."""
+
+MOODS = 4
+"""Times that each validation instance is run, the workers' noise drawn anew: a cheap way to a quieter choice."""
+
+PATIENCE = 2
+"""Rounds in a row that may fall short of the best before training stops."""
 
 
-@dataclass(frozen=True)
-class RankedPolicyValue:
-    """A :class:`~optkit.models.ranked_value.RankedValue` as the value function of a policy.
+@runtime_checkable
+class Estimator(SetValue, Protocol):
+    """A value function that can be fitted; see CONTRIBUTING.md for one's own."""
 
-    Attributes
-    ----------
-    value : RankedValue
-        The fitted function.
-    preferences : Preferences or None
-        Whose utilities the surplus is made of; None for the true ones.
-    """
-
-    value: RankedValue
-    preferences: Preferences | None = None
-
-    def opportunity_cost(self, state: State) -> Floats:
-        """Value lost by serving each request now, (b, w), in money; 0 where it expires now."""
-        surplus = _surplus(state.batch, self.preferences)[state.request]
-        member = state.offered & (state.steps_left > 0)
-        return self.value.opportunity_cost(state.step, surplus, state.steps_left.astype(float), member)
+    def fit(self, experience: Experience) -> Any:
+        """Fit to one round of experience, keeping what earlier rounds taught if that helps."""
+        ...
 
 
 @dataclass(frozen=True)
-class Trained:
-    """A trained policy and how it came about.
+class Settings:
+    """How to train.
 
     Attributes
     ----------
-    policy : PostDecisionPricing
-        Optimal prices with the fitted opportunity costs.
-    value : RankedValue
-        The fitted value function.
-    record : list of dict
-        One entry per round: ``round``, ``deviation`` (money), ``states``, ``residual`` (root mean square, money) and
-        ``seconds``.
+    deviations : tuple of float
+        Standard deviation of the exploration noise of each round, money; the paper starts at 10 and decays.
+    discount : float
+        Of the future, in [0, 1]; the problem itself is undiscounted, the paper trains with 0.95.
+    seeds : int
+        Number of trainings to choose from, at least 1.
+    seed : int
+        Source of the randomness.
     """
 
-    policy: PostDecisionPricing
-    value: RankedValue
-    record: list[dict[str, Any]]
+    deviations: tuple[float, ...] = (8.0, 4.0)
+    discount: float = 1.0
+    seeds: int = 1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        if isinstance(self.seeds, bool) or not isinstance(self.seeds, int | np.integer) or self.seeds < 1:
+            raise InputError(f"seeds = {self.seeds!r} must be a whole number of at least 1")
+        if not (isinstance(self.discount, int | float | np.number) and 0 <= self.discount <= 1):
+            raise InputError(f"discount = {self.discount!r} must be a number from 0 to 1")
+        try:
+            deviations = tuple(float(d) for d in self.deviations)
+        except (TypeError, ValueError):
+            deviations = ()
+        if not deviations or not all(0 <= d < np.inf for d in deviations):
+            raise InputError(f"deviations = {self.deviations!r} must be numbers of at least 0, in money, one a round")
+        for name, plain in (("deviations", deviations), ("discount", float(self.discount)), ("seeds", int(self.seeds))):
+            object.__setattr__(self, name, plain)
+        object.__setattr__(self, "seed", int(self.seed))
 
 
-def train_ranked_value(
-    instances: Sequence[Instance],
+def train(
+    source: Scenario | Split | Sequence[Instance],
+    value: str | Estimator = "linear",
     *,
-    preferences: Preferences | None = None,
-    deviations: Sequence[float] = (8.0, 4.0),
-    ridge: float = 1.0,
-    discount: float = 1.0,
-    seed: int = 0,
+    choice: Choice = "learned",
+    checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
+    **settings: Any,
 ) -> Trained:
-    """Fit a ranked value function in rounds of simulating with exploration and one backward sweep.
+    """Train a pricing policy.
 
     Parameters
     ----------
-    instances : sequence of Instance
-        Training instances of one horizon; their noise must be realised.
-    preferences : Preferences, optional
-        The choice model to price with; the true one by default.
-    deviations : sequence of float
-        Standard deviation of the exploration noise of each round, in money.
-    ridge : float
-        Penalty that draws the coefficients of a step to those of the next, at least 0.
-    discount : float
-        Of the future, in [0, 1]; the problem itself is undiscounted.
-    seed : int
-        Source of the randomness.
+    source : Scenario, Split or sequence of Instance
+        A scenario or a split train on their training instances and choose by their validation instances. Plain
+        instances are all trained on, and the last round counts.
+    value : {"linear", "kernel", "attention", "attention-printed"} or Estimator
+        The value function's form. ``"attention"`` needs ``optkit[attention]``.
+    choice : {"learned", "pooled", "true"} or Preferences
+        The choice model: learned along the way by group or for all groups together, the truth, or given.
+    checkpoint : path, optional
+        Folder in which each seed's outcome is kept as soon as it is there. A training that was interrupted goes on from
+        it, if its settings and instances are the same.
     progress : callable, optional
         Called with the number of rounds done and their number.
+    **settings
+        Fields of :class:`Settings`: ``deviations``, ``discount``, ``seeds``, ``seed``.
 
     Raises
     ------
     InputError
-        If an argument is out of range, or there are no instances or no requests.
+        If an argument is out of range, there are no instances or no requests, or several seeds have nothing to be
+        chosen by.
+    TrainingError
+        If every seed diverged, or even the best earns significantly less than the myopic policy.
 
     Examples
     --------
     >>> from optkit import scenario, simulate
-    >>> split = scenario("I.1", seed=0, split=(200, 60, 0)).split()
-    >>> trained = train_ranked_value(split.train)
+    >>> split = scenario("I.1", seed=0, split=(200, 60, 30)).split()
+    >>> trained = train(split, choice="true")
     >>> patient, myopic = (simulate(split.test, p).reward.mean() for p in (trained.policy, PostDecisionPricing()))
     >>> bool(patient > myopic)
     True
     """
-    check_seed(seed)
-    if not (ridge >= 0 and 0 <= discount <= 1 and len(deviations) and min(deviations) >= 0):
-        raise InputError(f"ridge = {ridge}, discount = {discount}, deviations = {deviations}: out of range")
+    from optkit.checkpoints import Checkpoint
+
+    estimator = _estimator(value)
+    if "deviations" not in settings and hasattr(estimator, "deviations"):
+        settings["deviations"] = estimator.deviations
+    if "discount" not in settings and hasattr(estimator, "discount"):
+        settings["discount"] = estimator.discount
+    known = [f.name for f in fields(Settings)]
+    for name in settings:
+        if name not in known:
+            raise InputError(f"no setting {name!r}; there are {', '.join(known)}")
+    chosen = Settings(**settings)
+    split = source.split() if isinstance(source, Scenario) else source
+    instances, validation = (split.train, split.validation) if isinstance(split, Split) else (split, [])
+    if chosen.seeds > 1 and not validation:
+        raise InputError(f"seeds = {chosen.seeds} need validation instances to choose between them: pass a Split")
     batch = Batch.of(instances)
-    N = int(batch.request_start[-1])
-    if N == 0:
-        raise InputError("training needs instances with requests")
-    choice: ChoiceModel = TrueChoice() if preferences is None else preferences
-    low, high = np.quantile(_surplus(batch, preferences)[:N], [0.03, 0.97])
-    knots = (np.array([low, max(high, low + 1e-6)]), np.array(TIME_KNOTS), np.array(RANK_KNOTS))
-    value = RankedValue(*knots, np.zeros((batch.horizon, 2 * len(TIME_KNOTS) * len(RANK_KNOTS))))
-    policy = PostDecisionPricing(choice=choice)
-    record = []
-    for number, deviation in enumerate(deviations):
-        started = time.perf_counter()
-        left = _visited(batch, Explore(policy, deviation, seed=seed + number))
-        value, states, residual = _sweep(batch, left, value, preferences, ridge, discount)
-        policy = PostDecisionPricing(choice=choice, value_function=RankedPolicyValue(value, preferences))
-        seconds = time.perf_counter() - started
-        record.append({"round": number + 1, "deviation": deviation, "states": states, "residual": residual})
-        record[-1]["seconds"] = round(seconds, 3)
-        if progress is not None:
-            progress(number + 1, len(deviations))
-    return Trained(policy, value, record)
+    course = _Course(batch, Batch.of(_moods(validation, chosen.seed)), chosen, choice)
+    kept = Checkpoint(checkpoint, asdict(chosen), estimator, choice, batch.instances, validation)
+    rounds = len(chosen.deviations)
+    outcomes, failures = [], []
+    # Everything here is many small products, which threads only slow down.
+    with threadpool_limits(limits=1):
+        for number in range(chosen.seeds):
+            found = kept.load(number)
+            if found is None:
+                one = _seeded(estimator, chosen.seed + number)
+                try:
+                    found = course.run(one, number, partial(_tell, progress, number * rounds, chosen.seeds * rounds))
+                    kept.save(number, found)
+                except TrainingError as error:
+                    failures.append(error)
+            if found is not None:
+                outcomes.append(found)
+            _tell(progress, number * rounds, chosen.seeds * rounds, rounds)
+        if not outcomes:
+            raise failures[0]
+        best = max(outcomes, key=lambda outcome: outcome.score)
+        best = replace(best, record=[row for one in outcomes for row in one.record])
+        return course.checked(best, [str(error) for error in failures])
 
 
-def _surplus(batch: Batch, preferences: Preferences | None) -> Floats:
-    """Reward less penalty plus mean utility over groups, (N + 1,), in money."""
-    if preferences is None:
-        utility = batch.utility.mean(axis=0)
-    else:
-        groups = np.arange(batch.groups)[:, None]
-        utility = preferences.utility_of(batch.features, batch.pickup, batch.dropoff, groups).mean(axis=0)
-    return np.asarray(batch.reward - batch.penalty + utility)
+def _tell(progress: Callable[[int, int], object] | None, before: int, total: int, done: int) -> None:
+    if progress is not None:
+        progress(before + done, total)
 
 
-def _visited(batch: Batch, policy: Explore) -> Ints:
-    """Last step after which each request was still waiting in a simulation, (N,)."""
-    N = int(batch.request_start[-1])
-    gone = batch.expiry[:N].copy()
+def _estimator(value: str | Estimator) -> Estimator:
+    if not isinstance(value, str):
+        if isinstance(value, type):
+            raise InputError(f"{value.__name__} is a class: pass one of its instances, {value.__name__}()")
+        if not (callable(getattr(value, "fit", None)) and callable(getattr(value, "opportunity_cost", None))):
+            raise InputError(f"a {type(value).__name__} is no value function: it needs fit, value and opportunity_cost")
+        return value
+    from optkit.models.value import KernelValue, LinearValue
 
-    def look(state: State, _: Floats, taken: Ints) -> None:
-        at = np.flatnonzero(taken >= 0)
-        gone[state.request[at, taken[at]]] = state.step
+    if value in ("attention", "attention-printed"):
+        from optkit.models.attention_value import PRINTED, TUNED, AttentionValue
 
-    simulate(batch, policy, observe=look)
-    return gone - 1
-
-
-def _sweep(
-    batch: Batch, left: Ints, value: RankedValue, preferences: Preferences | None, ridge: float, discount: float
-) -> tuple[RankedValue, int, float]:
-    """Fit the coefficients of every step, from the last but one to the first."""
-    N, T = int(batch.request_start[-1]), batch.horizon
-    surplus = _surplus(batch, preferences)
-    owner = np.repeat(np.arange(len(batch)), np.diff(batch.request_start))
-    theta = np.zeros_like(value.coefficients)
-    target = _Target(batch, preferences, surplus, discount)
-    states, squares, differences = 0, 0.0, 0
-    for step in range(T - 2, -1, -1):
-        waits = (batch.arrival[:N] <= step) & (left >= step)
-        new = batch.arrival[:N] == step + 1
-        request, member = _rows(owner, waits | new, np.where(waits, 0, 1), N, len(batch))
-        old = member & (batch.arrival[request] <= step)
-        keep = old.any(axis=1)
-        if not keep.any():
-            theta[step] = theta[step + 1]
-            continue
-        request, member, old = request[keep], member[keep], old[keep]
-        current = RankedValue(value.surplus_knots, value.time_knots, value.rank_knots, theta)
-        whole = target(current, step + 1, request, member)
-        b, i = np.nonzero(old)
-        without = member[b].copy()
-        without[np.arange(b.size), i] = False
-        y = whole[b] - target(current, step + 1, request[b], without)
-        steps_left = (batch.expiry[request] - step).astype(float)
-        X = value.basis_differences(surplus[request], steps_left, old)[b, i]
-        A = X.T @ X + ridge * np.eye(X.shape[1])
-        theta[step] = np.linalg.solve(A, X.T @ y + ridge * theta[step + 1])
-        states, differences = states + len(request), differences + b.size
-        squares += float(((X @ theta[step] - y) ** 2).sum())
-    fitted = RankedValue(value.surplus_knots, value.time_knots, value.rank_knots, theta)
-    return fitted, states, float(np.sqrt(squares / max(differences, 1)))
+        return AttentionValue(PRINTED if value == "attention-printed" else TUNED)
+    made: dict[str, Estimator] = {"linear": LinearValue(), "kernel": KernelValue()}
+    if value not in made:
+        raise InputError(f'value = {value!r} is unknown: take "linear", "kernel", "attention" or "attention-printed"')
+    return made[value]
 
 
-def _rows(owner: Ints, chosen: Bools, late: Ints, N: int, B: int) -> tuple[Ints, Bools]:
-    """Chosen requests of every instance as padded rows, (B, w), those with ``late`` set last; padding points at N."""
-    index = np.flatnonzero(chosen)
-    index = index[np.lexsort((index, late[index], owner[index]))]
-    count = np.bincount(owner[index], minlength=B)
-    place = np.arange(index.size) - np.repeat(np.cumsum(count) - count, count)
-    request = np.full((B, int(count.max(initial=0))), N, dtype=np.int64)
-    request[owner[index], place] = index
-    return request, request < N
+def _seeded(estimator: Estimator, seed: int) -> Estimator:
+    """Return a copy that is not fitted further than the original, with a seed of its own if it takes one."""
+    one = copy.deepcopy(estimator)
+    if hasattr(one, "seed"):
+        one.seed = seed
+    return one
 
 
-class _Target:
-    """Lemma 1's value of a pre-decision set, the worker's arrival and group in expectation."""
+def _moods(validation: Sequence[Instance], seed: int) -> list[Instance]:
+    return [one for mood in range(MOODS) for one in another_day(validation, seed, 1000 + mood)]
 
-    def __init__(self, batch: Batch, preferences: Preferences | None, surplus: Floats, discount: float) -> None:
-        self.batch, self.surplus, self.discount = batch, surplus, discount
-        present = batch.worker_at >= 0
-        self.presence = present.mean(axis=1)
-        group = batch.worker_group[: int(batch.worker_start[-1])]
-        self.share = np.bincount(group, minlength=batch.groups) / max(group.size, 1)
-        if preferences is None:
-            first = batch.instances[0]
-            self.utility, self.mu, self.outside = batch.utility, first.mu, first.outside_by_group
-        else:
-            groups = np.arange(batch.groups)
-            places = (batch.features, batch.pickup, batch.dropoff)
-            self.utility = preferences.utility_of(*places, groups[:, None])
-            self.mu, self.outside = preferences.scale[preferences.model_of(groups)], np.zeros(batch.groups)
 
-    def __call__(self, value: RankedValue, step: int, request: Ints, member: Bools) -> Floats:
-        """Return the target of each row, (b,), in money."""
+@dataclass(frozen=True)
+class _Course:
+    """What all seeds of a training have in common."""
+
+    batch: Batch
+    validation: Batch
+    settings: Settings
+    choice: Choice
+
+    def __post_init__(self) -> None:
+        if int(self.batch.request_start[-1]) == 0:
+            raise InputError("training needs instances with requests")
+        if not isinstance(self.choice, Preferences) and self.choice not in ("learned", "pooled", "true"):
+            raise InputError(f'choice = {self.choice!r}: take "learned", "pooled", "true", or Preferences')
+
+    @cached_property
+    def _learned(self) -> Learned:
+        """What all seeds begin with."""
+        return learn_preferences(self.batch.instances, pooled=self.choice == "pooled", seed=self.settings.seed)
+
+    def run(self, estimator: Estimator, number: int, tell: Callable[[int], object]) -> Trained:
+        """Train one seed and return its best round."""
+        settings, seed = self.settings, 1000 * number + self.settings.seed
+        offers: Offers | None = None
+        preferences = self.choice if isinstance(self.choice, Preferences) else None
+        if self.choice in ("learned", "pooled"):
+            preferences, offers = self._learned.preferences, self._learned.offers
+        policy = _policy(None, preferences)
+        record: list[dict[str, Any]] = []
+        best: Trained | None = None
+        short = 0
+        for k, deviation in enumerate(settings.deviations):
+            started = time.perf_counter()
+            today = Batch.of(another_day(self.batch.instances, seed, 500 + k)) if offers is not None else self.batch
+            last, log = _Waiting(today), OfferLog()
+            watch = last if offers is None else lambda *seen, a=last, b=log: (a(*seen), b(*seen))
+            simulate(today, Explore(policy, deviation, seed=seed + k), observe=watch)
+            if offers is not None:
+                offers = Offers.join([offers, log.offers()])
+                preferences = refit(offers, self.choice == "pooled", known_attributes(self.batch))
+            row: dict[str, Any] = {"seed": number, "round": k + 1, "deviation": deviation}
+            try:
+                estimator.fit(self._experience(preferences, last.step))
+                policy = _policy(copy.deepcopy(estimator), preferences)
+                score = float(self._scores(policy).mean()) if len(self.validation) else float(k + 1)
+            except TrainingError as error:
+                record.append({**row, "score": None, "error": str(error)})
+                if best is None:
+                    raise
+                break
+            row |= {"score": score if len(self.validation) else None, "residual": getattr(estimator, "residual_", None)}
+            record.append({**row, "seconds": round(time.perf_counter() - started, 3), "error": None})
+            short = 0 if best is None or score >= best.score else short + 1
+            if short == 0:
+                best = Trained(policy, policy.value_function.value, preferences, score, record, asdict(settings))  # type: ignore[attr-defined]
+            if k + 1 < len(settings.deviations):  # the last is told when the outcome is safe
+                tell(k + 1)
+            if short >= PATIENCE:
+                break
+        assert best is not None
+        return best
+
+    def checked(self, best: Trained, failures: list[str]) -> Trained:
+        """Return the chosen policy, unless validation says that it is worse than not waiting at all."""
+        # A checkpoint may come from a call that asked for fewer seeds.
+        best = replace(best, settings=asdict(self.settings), failures=failures)
+        if len(self.validation):
+            gain = mean_interval(self._scores(best.policy), self._scores(_policy(None, best.preferences)))
+            if gain.high < 0:
+                raise TrainingError(
+                    f"training led nowhere: on validation instances the best round earns {-gain.mean:.3g} less than "
+                    f"the myopic policy (95 % interval {-gain.high:.3g} to {-gain.low:.3g}); raise ridge or give more "
+                    "instances"
+                )
+        return best
+
+    def _scores(self, policy: Policy) -> Floats:
+        """Reward on each validation instance, averaged over the moods."""
+        return np.asarray(simulate(self.validation, policy).reward.reshape(MOODS, -1).mean(axis=0))
+
+    def _experience(self, preferences: Preferences | None, last: Ints) -> Experience:
         batch = self.batch
-        left = batch.expiry[request] - step
-        waits, expires = member & (left > 0), member & (left <= 0)
-        surplus, steps_left = self.surplus[request], left.astype(float)
-        future = self.discount * value.value(step, surplus, steps_left, waits)
-        cost = self.discount * value.opportunity_cost(step, surplus, steps_left, waits)
-        penalty = np.where(expires, batch.penalty[request], 0.0)
-        worth = batch.reward[request] - penalty - cost
-        profit = np.zeros(len(request))
-        for group, share in enumerate(self.share):
-            if share > 0:
-                u, mu, u0 = self.utility[group][request], self.mu[group], self.outside[group]
-                d = Decisions.of(worth, u, mu, u0, member)
-                profit += share * mu * nonnegative(d).ratio[:, 0]
-        return np.asarray(future + penalty.sum(axis=1) + self.presence[step] * profit)
+        owner = np.repeat(np.arange(len(batch)), np.diff(batch.request_start))
+        return Experience(
+            believed_requests(batch, preferences),
+            believed_workers(batch, preferences),
+            owner,
+            last,
+            batch.busy,
+            self.settings.discount,
+        )
+
+
+class _Waiting:
+    """An observer that notes the last step after which each request was still waiting, (N,)."""
+
+    def __init__(self, batch: Batch) -> None:
+        self.step = batch.expiry[: int(batch.request_start[-1])] - 1
+
+    def __call__(self, state: State, _: Floats, taken: Ints) -> None:
+        at = np.flatnonzero(taken >= 0)
+        self.step[state.request[at, taken[at]]] = state.step - 1
+
+
+def _policy(value: SetValue | None, preferences: Preferences | None) -> PostDecisionPricing:
+    choice = TrueChoice() if preferences is None else preferences
+    if value is None:
+        return PostDecisionPricing(choice=choice)
+    return PostDecisionPricing(choice=choice, value_function=BelievedValue(value, preferences))

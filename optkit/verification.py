@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from optkit.batch import Batch
 from optkit.errors import InputError, SolverError
 from optkit.instance import Floats, Instance, Ints
 from optkit.models.pricing import certify, optimal_prices
@@ -81,20 +83,20 @@ class _Decision(NamedTuple):
 
 def verify_pricing(
     instances: Sequence[Instance],
-    policy: PostDecisionPricing | None = None,
+    policy: PostDecisionPricing | Sequence[PostDecisionPricing] | None = None,
     *,
     sample: int = 60,
     seed: int = 0,
     progress: Callable[[int, int], object] | None = None,
 ) -> Verification:
-    """Run a pricing policy, certify every decision it takes, and solve a random sample of them again with CVXPY.
+    """Run pricing policies, certify every decision they take, and solve a random sample of them again with CVXPY.
 
     Parameters
     ----------
     instances : sequence of Instance
-        Where the policy is run; their noise must be realised.
-    policy : PostDecisionPricing, optional
-        The myopic policy with the true choice model by default. Optimality is that of its own beliefs.
+        Where the policies are run; their noise must be realised.
+    policy : PostDecisionPricing or sequence of them, optional
+        The myopic policy with the true choice model by default. Optimality is that of each one's own beliefs.
     sample : int
         Number of decisions to solve again (a few milliseconds each); fewer if there are fewer.
     seed : int
@@ -115,11 +117,11 @@ def verify_pricing(
     """
     if sample < 0:
         raise InputError(f"sample = {sample} is negative; ask for 0 or more decisions to solve again")
-    pricing = PostDecisionPricing() if policy is None else policy
+    policies = [PostDecisionPricing()] if policy is None else [policy] if callable(policy) else policy
     visited: list[_Decision] = []
     certified, worst_gap = 0, 0.0
 
-    def look(state: State, offer: Floats, _: Ints) -> None:
+    def look(pricing: PostDecisionPricing, state: State, offer: Floats, _: Ints) -> None:
         nonlocal certified, worst_gap
         value, utility = pricing.value(state), pricing.choice.utility(state)
         mu, outside = pricing.choice.mu(state), pricing.choice.outside_utility(state)
@@ -129,7 +131,9 @@ def verify_pricing(
         for b, shown in enumerate(state.offered):
             visited.append(_Decision(value[b, shown], utility[b, shown], float(mu[b]), float(outside[b])))
 
-    simulate(instances, pricing, observe=look)
+    batch = Batch.of(instances)
+    for one in policies:
+        simulate(batch, one, observe=partial(look, one))
     chosen = np.random.default_rng(seed).permutation(len(visited))[:sample]
     profit, probability, failures = _solve_again([visited[i] for i in chosen], progress)
     agreed = int(((profit <= PROFIT_TOLERANCE) & (probability <= PROBABILITY_TOLERANCE)).sum())

@@ -64,6 +64,9 @@ def test_run_writes_results_that_agree_with_what_it_prints(small, tmp_path):
         own = rows.loc[rows["policy"] == row["policy"], "ratio"]
         assert own.mean() == pytest.approx(row["ratio"], rel=1e-12)
         assert (own <= 100 + 1e-9).all()
+    for name in ("Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"):
+        scores = [f"{one['score']:.2f}" for one in summary["record"]["trained"][name]["rounds"]]
+        assert f"trained: {name}: best of 2 round(s) by mean validation reward: {', '.join(scores)}" in done.stdout
     assert table["ratio"].tolist() == pytest.approx([row["ratio"] for row in summary["policies"]], rel=1e-12)
     assert (out / "performance_ratio.png").read_bytes().startswith(b"\x89PNG")
     assert (out / "performance_ratio.pdf").read_bytes().startswith(b"%PDF")
@@ -325,3 +328,4 @@ def test_run_on_trips(tmp_path):
         assert result["record"]["origin"]["trips"]["rows"] == 20_000
         ratios = {row["policy"]: row["ratio"] for row in result["policies"]}
         assert ratios["Myopic, true MNL"] > max(ratios["PP"], ratios["FP"])
+        assert {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"} <= set(ratios)

@@ -3,17 +3,21 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from optkit import main_job
 from optkit.bounds import full_information
-from optkit.errors import InputError, SolverError
+from optkit.errors import InputError, SolverError, TrainingError
 from optkit.learning import learn_once, learn_preferences
 from optkit.main_job import run_main_job
+from optkit.models.value import KernelValue
 from optkit.policies import PostDecisionPricing
 from optkit.results import check_target, write_results
 from optkit.scenarios import Split, scenario
 from optkit.simulator import simulate
+from optkit.training import train
+from optkit.verification import verify_pricing
 
 
 @pytest.fixture(scope="module")
@@ -22,11 +26,27 @@ def split():
     return scenario("I.1", seed=0, split=(6, 4, 1)).split()
 
 
-def test_every_stage_is_told_to_its_end(split):
-    """Progress names the stages, and each reaches its total."""
+@pytest.fixture(scope="module")
+def run(split):
+    """A run on it, and the last progress that each stage told."""
     told = {}
-    run_main_job(split, {}, verify=3, progress=lambda stage, done, total: told.update({stage: (done, total)}))
-    assert list(told) == ["tuning PP", "tuning FP", "bounding", "learning", "verifying"]
+    result = run_main_job(
+        split, {"folder": "by hand"}, verify=3, progress=lambda stage, *done: told.update({stage: done})
+    )
+    return result, told
+
+
+@pytest.fixture(scope="module")
+def groups():
+    """A small split of Scenario II, with three groups of workers, and a run on it."""
+    small = scenario("II", seed=0, split=(40, 6, 5)).split()
+    return small, run_main_job(small, {}, verify=0, seed=3)
+
+
+def test_every_stage_is_told_to_its_end(run):
+    """Progress names the stages, and each reaches its total."""
+    _, told = run
+    assert list(told) == ["tuning PP", "tuning FP", "bounding", "learning", "training", "verifying"]
     assert all(done == total for done, total in told.values())
 
 
@@ -48,7 +68,7 @@ def test_an_instance_without_a_bound_is_left_out_and_named(split):
     """Where a solver gives up, no bound is invented: the instance is named with the reason, the others go on."""
     result = run_main_job(split, {}, verify=0)
     assert result.bound_failures == {1: "hit its time limit"}
-    assert result.comparison.table["instances"].tolist() == [3] * 5
+    assert result.comparison.table["instances"].tolist() == [3] * 8
 
 
 @pytest.mark.usefixtures("second_fails")
@@ -72,17 +92,70 @@ def test_what_cannot_be_learned_is_left_out(split):
     hopeless = Split(*([replace(day, utility=day.utility - 500.0) for day in part] for part in split))
     result = run_main_job(hopeless, {}, verify=0)
     assert set(result.record["not learned"]) == {"Learned MNL, paper's data", "Learned MNL, re-estimated"}
-    assert result.comparison.table["policy"].tolist() == ["Myopic, true MNL", "FP", "PP"]
+    assert set(result.record["not trained"]) == {"Linear, learned MNL"}
+    left = ["Myopic, true MNL", "Linear, true MNL", "Kernel, true MNL", "FP", "PP"]
+    assert result.comparison.table["policy"].tolist() == left
 
 
-def test_learned_policies_are_what_they_are_called():
-    """Each learned row of the run is the policy that its name says, learned on the training instances alone."""
-    small = scenario("II", seed=0, split=(40, 6, 0)).split()
-    result = run_main_job(small, {}, verify=0)
+def test_a_training_that_fails_is_left_out(split, monkeypatch):
+    """A value function that diverges is named with the reason, progress reaches its end, and the others go on."""
+
+    def diverge(*_, **__):
+        raise TrainingError("training diverged")
+
+    monkeypatch.setattr(KernelValue, "fit", diverge)
+    told = {}
+    result = run_main_job(split, {}, verify=0, progress=lambda stage, done, total: told.update({stage: (done, total)}))
+    assert result.record["not trained"] == {"Kernel, true MNL": "training diverged"}
+    assert "Kernel, true MNL" not in result.comparison.table["policy"].tolist()
+    assert "Linear, learned MNL" in result.comparison.table["policy"].tolist()
+    assert told["training"] == (6, 6)
+
+
+def test_a_policy_that_does_not_know_the_tests_is_left_out(split):
+    """A test instance that lasts longer than all training instances is beyond what value functions were fitted on."""
+    day = split.test[0]
+    steps = 80 - day.n_workers + np.arange(day.n_workers)
+    late = replace(day, horizon=80, expiry=np.full(day.n_requests, 79), worker_step=steps)
+    result = run_main_job(Split(split.train, [late], split.validation), {}, verify=0)
+    assert set(result.record["not trained"]) == {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"}
+    assert all("beyond the 50 steps" in why for why in result.record["not trained"].values())
+
+
+def test_trained_policies_are_what_they_are_called(groups):
+    """Each trained row of the run is what train() gives for its name, with the run's seed."""
+    small, result = groups
     ways = {
-        "Learned MNL, paper's data": learn_once(small.train),
-        "Learned MNL, re-estimated": learn_preferences(small.train),
-        "Single MNL, re-estimated": learn_preferences(small.train, pooled=True),
+        "Linear, true MNL": train(small, choice="true", seed=3),
+        "Kernel, true MNL": train(small, "kernel", choice="true", seed=3),
+        "Linear, learned MNL": train(small, choice="learned", seed=3),
+    }
+    rewards = result.comparison.per_instance.set_index("policy")["reward"]
+    for name, trained in ways.items():
+        assert rewards[name].tolist() == simulate(small.test, trained.policy).reward.tolist()
+        rounds = result.record["trained"][name]["rounds"]
+        assert [row["score"] for row in rounds] == [row["score"] for row in trained.record]
+    assert len({tuple(rewards[name]) for name in ways}) == 3
+
+
+def test_every_optimal_price_is_verified(split, run):
+    """Decisions of the myopic, the learned and the trained policies are all certified; FP and PP claim nothing."""
+    result, _ = run
+    names = result.record["verify"]["policies"]
+    assert names == [name for name in result.comparison.table["policy"] if name not in ("FP", "PP")]
+    assert len(names) == 6
+    myopic = verify_pricing(split.test, sample=0)
+    assert result.verification.solved == 3
+    assert result.verification.certified == result.verification.decisions > 5 * myopic.decisions
+
+
+def test_learned_policies_are_what_they_are_called(groups):
+    """Each learned row of the run is the policy that its name says, learned on the training instances alone."""
+    small, result = groups
+    ways = {
+        "Learned MNL, paper's data": learn_once(small.train, seed=3),
+        "Learned MNL, re-estimated": learn_preferences(small.train, seed=3),
+        "Single MNL, re-estimated": learn_preferences(small.train, seed=3, pooled=True),
     }
     ratios = result.comparison.per_instance.set_index("policy")["reward"]
     for name, learned in ways.items():
@@ -111,9 +184,9 @@ def test_both_parts_are_needed(split):
             run_main_job(part, {}, verify=0)
 
 
-def test_written_results_are_the_result(split, tmp_path):
+def test_written_results_are_the_result(run, tmp_path):
     """The folder holds what the result says, and counts as a run's that may be replaced."""
-    result = run_main_job(split, {"folder": "by hand"}, verify=2)
+    result, _ = run
     assert not check_target(tmp_path / "run")
     write_results(tmp_path / "run", result, "by hand")
     assert check_target(tmp_path / "run")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optkit.cli.console import open_source, print_table, progress_bar, trips_line
+from optkit.cli.console import open_source, progress_bar, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.cli.output import print_comparison
 
 if TYPE_CHECKING:
     from optkit.main_job import RunResult
@@ -27,11 +27,12 @@ def run(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Tune, simulate, bound and verify: how policies perform against a certified upper bound.
+    """Tune, learn, train, simulate, bound and verify: how policies perform against a certified upper bound.
 
-    Tunes the benchmark policies PP and FP on training instances, runs them and optimal pricing on the test instances,
-    bounds each test instance with full information, checks the prices by certificate and with a convex solver, and
-    writes a folder: summary.json, table.csv, per_instance.parquet and a box plot.
+    Tunes the benchmark policies PP and FP, learns preferences and trains value functions on training instances, runs
+    all policies on the test instances, bounds each test instance with full information, checks the optimal prices by
+    certificate and with a convex solver, and writes a folder: summary.json, table.csv, per_instance.parquet and a box
+    plot.
     """
     from optkit.main_job import run_main_job
     from optkit.plain import to_json
@@ -61,17 +62,14 @@ def run(
 
 def _print(name: str, result: RunResult, folder: Path) -> None:
     record = result.record
-    rows = [_row(row, i == 0) for i, row in enumerate(result.comparison.table.to_dict(orient="records"))]
     sizes = record["instances"]
-    title = f"{name}: {sizes['test']} test instances; PP and FP tuned on {sizes['train']} others"
-    header = ["policy", "ratio %", "std", "95 % interval", "difference", "served %"]
-    print_table(title, header, rows)
+    title = f"{name}: {sizes['test']} test instances; tuned, learned and trained on {sizes['train']} others"
+    print_comparison(title, result.comparison)
     trips = trips_line(record["origin"])
     if trips is not None:
         typer.echo(trips)
     pp, fp = record["tuned"]["PP"], record["tuned"]["FP"]
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
-    typer.echo("ratio: performance ratio against full information; difference: to the first policy, paired")
     typer.echo(f"tuned: PP pays {100 * pp['share']:g} % of the reward; FP weighs {weights}")
     for name, learned in record["learned"].items():
         last = learned["rounds"][-1]["round"]
@@ -85,6 +83,10 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
             typer.echo(f"utility: {label}: {error}; {data}")
     for name, why in record["not learned"].items():
         typer.echo(f"utility: {name} is left out: {why}")
+    for name, trained in record["trained"].items():
+        typer.echo(f"trained: {name}: {_course(trained['rounds'])}")
+    for name, why in record["not trained"].items():
+        typer.echo(f"trained: {name} is left out: {why}")
     typer.echo(f"bounds: every certificate checked, largest gap {result.worst_bound_gap:.1e} (money)")
     for i, why in result.bound_failures.items():
         typer.echo(f"bounds: instance {i} is left out: {why}")
@@ -96,22 +98,9 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
     typer.echo(f"results: {folder}")
 
 
-def _row(row: Mapping[Any, Any], first: bool) -> list[str]:
-    paired = f"{_tidy(row['difference']):+.2f} {_interval(row['difference_low'], row['difference_high'], '+.2f')}"
-    return [
-        row["policy"],
-        f"{row['ratio']:.2f}",
-        f"{row['std']:.2f}" if row["instances"] > 1 else "-",
-        _interval(row["low"], row["high"], ".2f"),
-        "" if first else paired,
-        f"{100 * row['served']:.1f}",
-    ]
-
-
-def _interval(low: float, high: float, form: str) -> str:
-    # NaN: one instance has no interval.
-    return f"[{_tidy(low):{form}}, {_tidy(high):{form}}]" if low == low else "-"
-
-
-def _tidy(number: float) -> float:
-    return round(number, 2) + 0.0  # no "-0.00"
+def _course(rounds: list[dict[str, Any]]) -> str:
+    """Tell how the round was chosen, and how long training took."""
+    scores = ", ".join(f"{row['score']:.2f}" for row in rounds if row["score"] is not None)
+    by = f"best of {len(rounds)} round(s) by mean validation reward: {scores}" if scores else f"round {len(rounds)}"
+    told = f"{by}; {sum(row.get('seconds', 0.0) for row in rounds):.1f} s"
+    return "; ".join([told, *(f"round {row['round']}: {row['error']}" for row in rounds if row["error"])])

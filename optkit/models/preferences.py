@@ -106,6 +106,32 @@ class Preferences:
         """Zeros, (b,): utilities are relative to rejecting."""
         return np.zeros(len(state.group))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Attributes, weights and scales as plain data; not the estimation results."""
+        places = {name: int(getattr(self.attributes, name)) for name in ("pickups", "dropoffs")}
+        columns = {"names": list(self.attributes.names), **places, "reference": bool(self.attributes.reference)}
+        weights, scale, *covariance = (np.asarray(x).tolist() for x in (self.weights, self.scale, *self.covariance))
+        believed = {"weights": weights, "scale": scale, "pooled": bool(self.pooled)}
+        return {"attributes": columns, **believed, "covariance": covariance}
+
+    @classmethod
+    def from_dict(cls, plain: dict[str, Any]) -> Preferences:
+        """Make preferences again from :meth:`to_dict`.
+
+        Raises
+        ------
+        InputError
+            If the data are incomplete or do not fit together.
+        """
+        try:
+            columns = dict(plain["attributes"])
+            attributes = Attributes(tuple(columns.pop("names")), **columns)
+            weights, scale = (np.asarray(plain[name], dtype=float) for name in ("weights", "scale"))
+            covariance = tuple(np.asarray(one, dtype=float) for one in plain["covariance"])
+            return cls(attributes, weights, scale, covariance, bool(plain["pooled"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"preferences cannot be read: {error}") from None
+
     def table(self) -> Any:
         """Return a DataFrame with one row per model and parameter: ``estimate`` and ``standard_error``, in money."""
         import pandas as pd

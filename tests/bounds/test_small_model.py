@@ -162,9 +162,7 @@ def test_bad_input_is_refused_in_one_line(changes, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"), [((-1, 0), "count = -1"), ((1, -3), "seed -3"), ((1, 0.5), "seed")]
-)
+@pytest.mark.parametrize(("arguments", "message"), [((-1, 0), "count = -1"), ((1, -3), "seed -3"), ((1, 0.5), "seed")])
 def test_a_sample_needs_a_count_and_a_seed(arguments, message):
     with pytest.raises(InputError, match=message):
         two_types().sample(*arguments)

@@ -1,0 +1,158 @@
+r"""What knowing the next step is worth, and what it is charged at.
+
+With S the set that waits after step t, xi what the next step brings, and G the one-step value of a value function V,
+
+.. math:: z_t(S) = G_{t+1}(S, \xi_{t+1}) - E\,[G_{t+1}(S, \xi) \mid \text{past}], \qquad
+          G_{t+1}(S, \xi) = \sum_{i \in S' \text{ expires}} \beta_i + 1[\text{worker of group } g]\, \varphi_g(S')
+          + V_{t+1}(S'), \quad S' = S \cup \text{arrivals}
+
+has mean zero whatever one does without foresight, for any V at all (information relaxation: Brown, Smith and Sun 2010;
+design section 4, "Penalised bound"). Worker and group enter the expectation exactly, arrivals by independent draws.
+What the first step brings is charged too, at t = -1 with nothing waiting: with the exact V the charges then take all
+luck out, and every path is worth the exact value. Zero mean needs an S that was known at t: who looks at some of the
+waiting requests only must choose them without foresight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from optkit.bounds.foresight import Foresight, Surroundings, surroundings
+from optkit.instance import Floats, Instance, Ints
+from optkit.models.closed_form import nonnegative
+from optkit.models.decision import Decisions
+from optkit.models.request_sets import Bools, RequestSets, SetValue
+
+CHUNK = 1 << 14
+"""Sets valued at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Charges:
+    """Charges of one instance, as :data:`optkit.bounds.subsets.Charge` wants them.
+
+    Attributes
+    ----------
+    instance : Instance
+        The instance.
+    value : SetValue
+        V.
+    foresight : Foresight
+        The distribution of what is not known.
+    seed : int or SeedSequence
+        Of the arrivals that are drawn.
+    """
+
+    instance: Instance
+    value: SetValue
+    foresight: Foresight
+    seed: int | np.random.SeedSequence
+
+    @cached_property
+    def _around(self) -> Surroundings:
+        return surroundings(self.instance, self.foresight, np.random.default_rng(self.seed))
+
+    @cached_property
+    def _group(self) -> Ints:
+        """Group of the worker at each step, (T,); -1 where there is none."""
+        group = np.full(self.instance.horizon, -1)
+        group[self.instance.worker_step] = self.instance.worker_group
+        return group
+
+    @cached_property
+    def _busy(self) -> Ints:
+        """Steps in a row, up to the one before each, that saw a worker, (T,)."""
+        step = np.arange(self.instance.horizon)
+        idle = np.maximum.accumulate(np.where(self._group < 0, step, -1))
+        return np.concatenate([[0], (step - idle)[:-1]])
+
+    @cached_property
+    def _presence(self) -> Floats:
+        """Probability of a worker at each step, given the past, (T,)."""
+        table = self.foresight.presence
+        return np.asarray(table[np.minimum(self._busy, table.size - 1)])
+
+    def __call__(self, step: int, requests: Ints) -> Floats:
+        """Charge of every subset of the k requests that wait after a step, (2^k,), money."""
+        k = requests.size
+        return self._charge(step, requests, (np.arange(1 << k)[:, None] >> np.arange(k) & 1).astype(bool))
+
+    def idle(self, steps: Ints) -> float:
+        """Charge after steps at which nothing waits that is looked at, money: the same for all policies.
+
+        Step -1 is before the first.
+        """
+        nobody = np.zeros(0, np.int64)
+        return float(sum(self._charge(step, nobody, np.zeros((1, 0), bool))[0] for step in steps))
+
+    def along(self, last: Ints, tracked: Bools) -> Floats:
+        """Charge of M runs, (M,), money.
+
+        Parameters
+        ----------
+        last : (M, n) int
+            Last step after which each request waited; below its arrival if it never did.
+        tracked : (n,) bool
+            Requests that the charge looks at. Which they are must not depend on what comes after they have arrived.
+        """
+        total = np.zeros(len(last))
+        for step in range(-1, self.instance.horizon - 1):
+            there = tracked & (self.instance.arrival <= step) & (self.instance.expiry > step)
+            requests = np.flatnonzero(there)
+            total += self._charge(step, requests, last[:, requests] >= step)
+        return total
+
+    def _charge(self, step: int, requests: Ints, wait: Bools) -> Floats:
+        around, now = self._around, step + 1
+        came = self._one_step(now, requests, wait, around.own[now], known=True)
+        if not self.foresight.arrivals:
+            return came - self._one_step(now, requests, wait, around.own[now], known=False)
+        expected = np.zeros(len(wait))
+        for arrivals, p in zip(around.drawn[now], around.weight[now], strict=True):
+            expected += p * self._one_step(now, requests, wait, arrivals[arrivals >= 0], known=False)
+        return came - expected
+
+    def _one_step(self, step: int, requests: Ints, wait: Bools, arrivals: Ints, known: bool) -> Floats:
+        """G of every subset with the same arrivals; the worker as he came, or in expectation, (2^k,), money."""
+        index = np.concatenate([requests, arrivals])
+        parts = []
+        for start in range(0, len(wait), CHUNK):
+            some = wait[start : start + CHUNK]
+            open_ = np.concatenate([some, np.ones((len(some), arrivals.size), bool)], axis=1)
+            parts.append(self._lemma_1(step, np.broadcast_to(index, open_.shape), open_, known))
+        return np.concatenate(parts)
+
+    def _lemma_1(self, step: int, index: Ints, open_: Bools, known: bool) -> Floats:
+        table = self._around.requests
+        left = table.expiry[index[:1]] > step
+        penalty = np.where(left, 0.0, table.penalty[index[:1]])
+        group, p = int(self._group[step]), float(self._presence[step])
+        if known:
+            p = float(group >= 0)
+            weight = p * (np.arange(self.foresight.share.size) == group)
+        else:
+            weight = p * self.foresight.share
+        stretch = np.full(len(index), self._busy[step] + 1)
+        busy = RequestSets(table, step, index, open_ & left, stretch)
+        future = open_ @ penalty[0]
+        if getattr(self.value, "sees_busy", False):
+            idle = RequestSets(table, step, index, open_ & left, np.zeros_like(stretch))
+            for sets, chance in ((busy, p), (idle, 1.0 - p)):
+                if chance > 0:
+                    future = future + chance * self.value.value(sets)
+        else:
+            future = future + self.value.value(busy)
+        if not index.shape[1]:
+            return np.asarray(future)
+        worth = table.reward[index[:1]] - penalty - self.value.opportunity_cost(busy)
+        for g in np.flatnonzero(weight > 0):
+            mu = self.instance.mu[g]
+            relative = np.broadcast_to(table.utility[g][index[:1]] / mu, worth.shape)
+            advantage = np.where(open_, worth / mu + relative, -np.inf)
+            scale = np.full((len(worth), 1), mu)
+            d = Decisions((len(worth),), worth, relative, scale, open_, advantage)
+            future = future + weight[g] * mu * nonnegative(d).ratio[:, 0]
+        return np.asarray(future)

@@ -1,0 +1,165 @@
+"""Sets of requests that wait after a decision, in many instances at once: what a value function is a function of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.errors import InputError
+from optkit.instance import Floats, Ints
+
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Requests:
+    """What a platform knows or believes of N requests and of the workers it may send to them.
+
+    Attributes
+    ----------
+    reward, penalty : (N,) float
+        Money, as in :class:`optkit.Instance`.
+    arrival, expiry : (N,) int
+        First and last step at which each can be served.
+    utility : (D, N) float
+        Believed mean utility to each group less that of rejecting, in money.
+    features : (N, k) float
+        Characteristics.
+    pickup, dropoff : (N,) int
+        Places.
+    """
+
+    reward: Floats
+    penalty: Floats
+    arrival: Ints
+    expiry: Ints
+    utility: Floats
+    features: Floats
+    pickup: Ints
+    dropoff: Ints
+
+    @cached_property
+    def surplus(self) -> Floats:
+        """Reward less penalty plus utility, by group, (N, D), money: what serving gains if rejecting is the rule."""
+        return np.ascontiguousarray((self.reward - self.penalty + self.utility).T)
+
+    @cached_property
+    def mean_surplus(self) -> Floats:
+        """Mean surplus over the groups, (N,), money."""
+        return np.asarray(self.surplus.mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class RequestSets:
+    """b sets of requests after the decision at one step, as padded rows of width w.
+
+    Every member has at least one step left.
+
+    Attributes
+    ----------
+    requests : Requests
+        What is known of all requests.
+    step : int
+        The step of the decision that has just been made.
+    index : (b, w) int
+        The requests of each row, numbers into ``requests``.
+    member : (b, w) bool
+        Which of them belong to the set; the rest is padding.
+    busy : (b,) int or None
+        For how many steps in a row, up to and with this one, a worker has been seen; None if nobody asks.
+    """
+
+    requests: Requests
+    step: int
+    index: Ints
+    member: Bools
+    busy: Ints | None = None
+
+    def __len__(self) -> int:
+        return len(self.member)
+
+    @cached_property
+    def penalty(self) -> Floats:
+        """Penalties, (b, w), money, at most 0."""
+        return np.asarray(self.requests.penalty[self.index])
+
+    @cached_property
+    def steps_left(self) -> Floats:
+        """Steps after this one in which each request can be served, (b, w)."""
+        return np.asarray(self.requests.expiry[self.index] - float(self.step))
+
+    @cached_property
+    def mean_surplus(self) -> Floats:
+        """Mean surplus over the groups, (b, w), money."""
+        return np.asarray(self.requests.mean_surplus[self.index])
+
+    @cached_property
+    def surplus(self) -> Floats:
+        """Surplus by group, (b, w, D), money."""
+        return np.asarray(self.requests.surplus[self.index])
+
+    def surplus_to(self, group: int | None) -> Floats:
+        """Surplus to one group, or its mean over the groups for None, (b, w), money.
+
+        Raises
+        ------
+        InputError
+            If there is no such group.
+        """
+        if group is None:
+            return self.mean_surplus
+        groups = self.requests.surplus.shape[1]
+        if group >= groups:
+            raise InputError(f"the value function knows worker group {group}; the requests have 0..{groups - 1}")
+        return np.asarray(self.surplus[..., group])
+
+    def rows(self, row: Ints) -> RequestSets:
+        """Some of the sets."""
+        busy = None if self.busy is None else self.busy[row]
+        return RequestSets(self.requests, self.step, self.index[row], self.member[row], busy)
+
+
+@runtime_checkable
+class SetValue(Protocol):
+    """A post-decision value function (paper section 3.3).
+
+    One that has an attribute ``sees_busy`` which is true is also told for how long workers have come without a break.
+    """
+
+    def value(self, sets: RequestSets) -> Floats:
+        """Value of each set, (b,), money."""
+        ...
+
+    def opportunity_cost(self, sets: RequestSets) -> Floats:
+        """V(S) - V(S without i) for every member i, (b, w), money; 0 for padding."""
+        ...
+
+
+class ZeroSetValue:
+    """The value function that is 0."""
+
+    def value(self, sets: RequestSets) -> Floats:
+        """Zeros, (b,)."""
+        return np.zeros(len(sets))
+
+    def opportunity_cost(self, sets: RequestSets) -> Floats:
+        """Zeros, (b, w)."""
+        return np.zeros(sets.member.shape)
+
+
+def removal_differences(value: Callable[[RequestSets], Floats], sets: RequestSets) -> Floats:
+    """Opportunity costs by evaluating every set once more without each of its members, (b, w), money.
+
+    For value functions without anything quicker, and to check those that have.
+    """
+    b, i = np.nonzero(sets.member)
+    fewer = sets.rows(b)
+    fewer.member[np.arange(b.size), i] = False  # rows() by index is a copy
+    cost = np.zeros(sets.member.shape)
+    cost[b, i] = value(sets)[b] - value(fewer)
+    return cost

@@ -1,0 +1,362 @@
+"""Light value functions of sets of waiting requests: linear in hat functions, or in a kernel's features.
+
+Both are sums of :class:`~optkit.models.ranked_term.RankedTerm` and are fitted alike, on differences. Prices depend on a
+value function through opportunity costs alone, so V(S) - V(S without i) is regressed on the difference of Lemma 1's
+targets with the same new arrivals after both (paper section 3.3, Algorithm 1; design section 4, "Bellman"). No level
+is needed, and one backward sweep over the steps suffices: the target of a step uses the coefficients of the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.base import BaseEstimator
+from sklearn.cluster import KMeans
+
+from optkit.errors import InputError, TrainingError
+from optkit.instance import Floats
+from optkit.models.ranked_term import RankedTerm
+from optkit.models.request_sets import Requests, RequestSets, SetValue
+from optkit.models.value_features import HatFeatures, KernelFeatures, coordinates, features_of, surplus_knots
+
+LARGEST = 1e3
+"""Opportunity costs beyond this many times the largest surplus are no values of waiting: training has diverged."""
+
+
+class SetExperience(Protocol):
+    """What value functions are fitted to; :class:`optkit.models.experience.Experience` from simulations."""
+
+    @property
+    def horizon(self) -> int:
+        """Number of steps T."""
+        ...
+
+    @property
+    def requests(self) -> Requests:
+        """What is known of the requests."""
+        ...
+
+    def sets(self, step: int) -> RequestSets | None:
+        """Post-decision sets of a step, or None."""
+        ...
+
+    def target_differences(self, value: SetValue, step: int) -> Floats:
+        """Target of each set less that of the set without each member, (b, w), money."""
+        ...
+
+
+class Term(Protocol):
+    """A linear part of a value function: :class:`~optkit.models.ranked_term.RankedTerm`, or one's own."""
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        ...
+
+    def value(self, sets: RequestSets, theta: Floats) -> Floats:
+        """Value of each set, (b,), money, for coefficients (size,)."""
+        ...
+
+    def opportunity_cost(self, sets: RequestSets, theta: Floats) -> Floats:
+        """Value lost by removing each member, (b, w), money."""
+        ...
+
+    def differences(self, sets: RequestSets) -> Floats:
+        """Regressors of the opportunity cost, (b, w, size)."""
+        ...
+
+
+class _LinearInTerms(BaseEstimator):  # type: ignore[misc]
+    r"""A value function :math:`V_t(S) = \sum_{i \in S} \beta_i + U_t(S)` with U linear in coefficients, by step.
+
+    Were every waiting request to expire, the penalties would be its value. What serving adds, U, is the value of the
+    same problem with rewards r - beta and no penalties: it depends on a request by its surplus alone.
+    """
+
+    ridge: float
+    terms_: Sequence[Term]
+    coef_: Floats
+    residual_: float
+
+    def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
+        raise NotImplementedError
+
+    def fit(self, experience: SetExperience, y: None = None) -> Self:
+        """Fit all coefficients in one backward sweep; nothing is kept of an earlier fit.
+
+        Parameters
+        ----------
+        experience : Experience
+            Visited sets and their targets.
+        y : None
+            Targets come with the experience.
+
+        Raises
+        ------
+        InputError
+            If a setting is out of range.
+        TrainingError
+            If the opportunity costs explode. The estimator then is as it was before.
+        """
+        if not (isinstance(self.ridge, int | float | np.number) and 0 <= self.ridge < np.inf):
+            raise InputError(f"ridge = {self.ridge!r} must be a finite number of at least 0")
+        before = dict(self.__dict__)
+        try:
+            self.terms_ = self._make_terms(experience)
+            self._sweep(experience)
+        except BaseException:
+            # What failed or was interrupted stays as it was.
+            self.__dict__.clear()
+            self.__dict__.update(before)
+            raise
+        return self
+
+    def _sweep(self, experience: SetExperience) -> None:
+        self.coef_ = np.zeros((experience.horizon, sum(term.size for term in self.terms_)))
+        limit = LARGEST * max(1.0, float(np.abs(experience.requests.surplus).max(initial=0.0)))
+        squares, count = 0.0, 0
+        for step in range(experience.horizon - 2, -1, -1):
+            sets = experience.sets(step)
+            if sets is None:
+                self.coef_[step] = self.coef_[step + 1]
+                continue
+            wanted = experience.target_differences(self, step) - sets.penalty
+            wanted = _checked(wanted[sets.member], limit, step)
+            x = np.concatenate([term.differences(sets)[sets.member] for term in self.terms_], axis=-1)
+            try:
+                self.coef_[step] = _ridge(x, wanted, self.ridge, self.coef_[step + 1])
+            except np.linalg.LinAlgError:
+                raise TrainingError(f"ridge = {self.ridge} is too small for the equations of step {step}") from None
+            found = _checked(x @ self.coef_[step], limit, step)
+            squares, count = squares + float(((found - wanted) ** 2).sum()), count + wanted.size
+        self.residual_ = float(np.sqrt(squares / max(count, 1)))
+
+    def _parts(self, step: int) -> list[tuple[Term, Floats]]:
+        if not hasattr(self, "coef_"):
+            raise InputError(f"this {type(self).__name__} is not fitted: call fit first")
+        if not 0 <= step < len(self.coef_):
+            raise InputError(f"step {step} is beyond the {len(self.coef_)} steps that the value function was fitted on")
+        ends = np.cumsum([term.size for term in self.terms_])
+        return list(zip(self.terms_, np.split(self.coef_[step], ends[:-1]), strict=True))
+
+    def value(self, sets: RequestSets) -> Floats:
+        """Value of each set beyond that of the empty one, (b,), money."""
+        return np.asarray(
+            np.where(sets.member, sets.penalty, 0.0).sum(axis=1)
+            + sum(term.value(sets, theta) for term, theta in self._parts(sets.step))
+        )
+
+    @property
+    def sees_busy(self) -> bool:
+        """Whether sets must say for how long workers have come without a break."""
+        return any(getattr(term, "busy_knots", None) is not None for term in getattr(self, "terms_", ()))
+
+    def predict(self, sets: RequestSets) -> Floats:
+        """Return :meth:`value`, under scikit-learn's name."""
+        return self.value(sets)
+
+    def opportunity_cost(self, sets: RequestSets) -> Floats:
+        """V(S) - V(S without i) for every member i, (b, w), money; 0 for padding."""
+        return np.asarray(
+            np.where(sets.member, sets.penalty, 0.0)
+            + sum(term.opportunity_cost(sets, theta) for term, theta in self._parts(sets.step))
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Settings, terms and coefficients as plain data; :func:`value_of` reads it.
+
+        Raises
+        ------
+        InputError
+            If it is not fitted, or has terms or a class of the caller's own.
+        """
+        parts = [term for term, _ in self._parts(0)]
+        if type(self) not in (LinearValue, KernelValue) or not all(isinstance(term, RankedTerm) for term in parts):
+            raise InputError("terms or classes of your own cannot be written to a file: nobody could read it")
+        terms = [{**t.to_dict(), "features": t.features.to_dict()} for t in parts]  # type: ignore[attr-defined]
+        # Arrays and NumPy's numbers become plain ones.
+        settings = {name: np.asarray(value).tolist() for name, value in self.get_params().items() if name != "terms"}
+        return {"kind": type(self).__name__, "settings": settings, "terms": terms, "coef": self.coef_.tolist()}
+
+
+class LinearValue(_LinearInTerms):
+    """Ridge regression on hat functions of surplus, steps left and rank.
+
+    Requests are ranked by surplus. With several worker groups there is one such term for each group, and one in which
+    requests are ranked by urgency.
+
+    Parameters
+    ----------
+    surplus_knots : int
+        Number of knots between the 3 and 97 per cent quantiles of the surplus.
+    time_knots, rank_knots : sequence of float
+        Knots in steps left and in requests that come before.
+    busy_knots : sequence of float, optional
+        Knots in the number of steps in a row that have seen a worker. Prices gain little by it, penalised bounds a
+        fifth of the gap.
+    ridge : float
+        Penalty that draws the coefficients of a step to those of the next, at least 0.
+    terms : sequence of Term, optional
+        Terms of one's own, in place of all these.
+
+    Attributes
+    ----------
+    coef_ : (T, p) float
+        Coefficients of each step, money; zero at the last, after which nothing waits.
+    terms_ : list of Term
+        What they are coefficients of.
+    residual_ : float
+        Root mean square residual of the differences, money.
+
+    Examples
+    --------
+    >>> LinearValue(ridge=10.0).get_params()["ridge"]
+    10.0
+    """
+
+    def __init__(
+        self,
+        surplus_knots: int = 2,
+        time_knots: Sequence[float] = (1.0, 3.0, 10.0),
+        rank_knots: Sequence[float] = (0.0, 1.0, 4.0),
+        busy_knots: Sequence[float] | None = None,
+        ridge: float = 1.0,
+        terms: Sequence[Term] | None = None,
+    ) -> None:
+        self.surplus_knots = surplus_knots
+        self.time_knots = time_knots
+        self.rank_knots = rank_knots
+        self.busy_knots = busy_knots
+        self.ridge = ridge
+        self.terms = terms
+
+    def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
+        if self.terms is not None:
+            return list(self.terms)
+        if not (isinstance(self.surplus_knots, int | np.integer) and self.surplus_knots >= 2):
+            raise InputError(f"surplus_knots = {self.surplus_knots!r} must be a whole number of at least 2")
+        requests = experience.requests
+        time, rank = np.asarray(self.time_knots, dtype=float), np.asarray(self.rank_knots, dtype=float)
+        busy = None if self.busy_knots is None else np.asarray(self.busy_knots, dtype=float)
+        known = _known(requests)
+
+        def hat(group: int | None) -> HatFeatures:
+            return HatFeatures(group, surplus_knots(requests, self.surplus_knots, group, known), time)
+
+        groups = requests.surplus.shape[1]
+        if groups == 1:
+            return [RankedTerm(hat(None), "surplus", rank, busy)]
+        ranked = [RankedTerm(hat(group), group, rank, busy) for group in range(groups)]
+        return [*ranked, RankedTerm(hat(None), "urgency", rank, busy)]
+
+
+class KernelValue(_LinearInTerms):
+    """A Gaussian set kernel: requests are alike that have similar surpluses to every group, time left and rank.
+
+    The kernel of two sets is the sum over pairs of their requests; landmarks found by k-means on the visited requests
+    make it a ridge regression on few features (Nystroem).
+
+    Parameters
+    ----------
+    landmarks : int
+        Number of landmarks.
+    gamma : float
+        The kernel is exp(-gamma * squared distance) in standard deviations.
+    rank_knots : sequence of float
+        Knots of the hat functions of the rank.
+    ridge : float
+        Penalty that draws the coefficients of a step to those of the next, at least 0.
+    seed : int
+        For k-means.
+
+    Attributes
+    ----------
+    coef_, terms_, residual_
+        As in :class:`LinearValue`.
+
+    Examples
+    --------
+    >>> KernelValue(landmarks=12).get_params()["landmarks"]
+    12
+    """
+
+    def __init__(
+        self,
+        landmarks: int = 12,
+        gamma: float = 0.1,
+        rank_knots: Sequence[float] = (0.0, 1.0, 4.0),
+        ridge: float = 1.0,
+        seed: int = 0,
+    ) -> None:
+        self.landmarks = landmarks
+        self.gamma = gamma
+        self.rank_knots = rank_knots
+        self.ridge = ridge
+        self.seed = seed
+
+    def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
+        if not (isinstance(self.landmarks, int | np.integer) and self.landmarks >= 1):
+            raise InputError(f"landmarks = {self.landmarks!r} must be a whole number of at least 1")
+        seen = [s for step in range(experience.horizon - 1) if (s := experience.sets(step)) is not None]
+        groups = experience.requests.surplus.shape[1]
+        points = np.concatenate([np.zeros((0, groups + 1)), *(coordinates(s)[s.member] for s in seen)])
+        if not len(points):
+            points = np.zeros((1, groups + 1))
+        rng = np.random.default_rng(self.seed)
+        # k-means needs no more points than this to place its centres.
+        points = points[rng.permutation(len(points))[:5000]]
+        center, scale = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-6)
+        standard = (points - center) / scale
+        count = min(self.landmarks, len(np.unique(standard, axis=0)))
+        means = KMeans(count, n_init=1, random_state=self.seed).fit(standard).cluster_centers_
+        rank = np.asarray(self.rank_knots, dtype=float)
+        return [RankedTerm(KernelFeatures(center, scale, means, float(self.gamma)), "surplus", rank)]
+
+
+def value_of(plain: dict[str, Any]) -> LinearValue | KernelValue:
+    """Make a fitted value function again from its plain data.
+
+    Raises
+    ------
+    InputError
+        If the data are incomplete or do not fit together.
+    """
+    kinds: dict[str, type[LinearValue] | type[KernelValue]] = {"LinearValue": LinearValue, "KernelValue": KernelValue}
+    try:
+        made = kinds[plain["kind"]](**plain["settings"])
+        made.terms_ = [
+            RankedTerm(features_of(t["features"]), t["order"], t["rank_knots"], t["busy_knots"]) for t in plain["terms"]
+        ]
+        made.coef_ = np.asarray(plain["coef"], dtype=float)
+    except InputError:
+        raise
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise InputError(f"the value function cannot be read: {error!r}") from None
+    size = sum(term.size for term in made.terms_)
+    if made.coef_.ndim != 2 or made.coef_.shape[1] != size or not np.isfinite(made.coef_).all():
+        raise InputError(f"the value function has coefficients of shape {made.coef_.shape}; finite (steps, {size}) fit")
+    return made
+
+
+def _known(requests: Requests) -> int:
+    """Number of requests without the padding at the end, if there is any."""
+    return max(len(requests.reward) - 1, 1)
+
+
+def _checked(cost: Floats, limit: float, step: int) -> Floats:
+    """Return opportunity costs, or raise a TrainingError if they are beyond the limit or no numbers."""
+    if not np.abs(cost).max(initial=0.0) <= limit:
+        raise TrainingError(
+            f"training diverged: opportunity costs of {np.abs(cost).max():.3g} at step {step}; "
+            "raise ridge, give more instances, or take a smaller discount"
+        )
+    return cost
+
+
+def _ridge(x: Floats, y: Floats, ridge: float, prior: Floats) -> npt.NDArray[np.float64]:
+    if ridge == 0:
+        return np.asarray(prior + np.linalg.lstsq(x, y - x @ prior, rcond=None)[0])
+    return np.asarray(np.linalg.solve(x.T @ x + ridge * np.eye(x.shape[1]), x.T @ y + ridge * prior))

@@ -1,0 +1,570 @@
+"""Light value functions: against small models solved exactly, against brute force, and as estimators."""
+
+import json
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+from optkit import simulate
+from optkit.bounds.exact_value import solve_exactly
+from optkit.bounds.small_model import SmallModel
+from optkit.errors import InputError, TrainingError
+from optkit.metrics import mean_interval
+from optkit.models.pricing import optimal_prices
+from optkit.models.ranked_term import RankedTerm
+from optkit.models.request_sets import Requests, RequestSets, removal_differences
+from optkit.models.value import KernelValue, LinearValue, value_of
+from optkit.models.value_features import HatFeatures
+from optkit.policies import PostDecisionPricing
+from optkit.training import train
+
+TINY = SmallModel(
+    horizon=6, reward=[30.0, 45.0], penalty=[-4.0, -10.0], lifetime=[3, 2], utility=[[-10.0, -28.0], [-25.0, -9.0]],
+    mu=[2.0, 4.0], outside_utility=[0.0, 1.0], share=[0.4, 0.6], arrivals=[0.4, 0.3], workers=[0.45, 0.55],
+)  # fmt: skip
+"""Two types and two groups that differ in what they like: small enough to list every set that may wait."""
+
+SCARCE = SmallModel(
+    horizon=12, reward=[30.0, 60.0], penalty=[-2.0, -2.0], lifetime=[5, 5], utility=[[-10.0, -12.0]], mu=[3.0],
+    arrivals=[0.5, 0.25], workers=[0.6, 0.4],
+)  # fmt: skip
+"""More requests than workers, of two worths: who serves the cheap ones may lack a worker for the dear ones."""
+
+CHOOSY = SmallModel(
+    horizon=10, reward=[50.0, 45.0], penalty=[-4.0, -10.0], lifetime=[4, 4], utility=[[-5.0, -35.0], [-35.0, -10.0]],
+    mu=[2.0, 4.0], outside_utility=[0.0, 1.0], share=[0.4, 0.6], arrivals=[0.3, 0.3], workers=[0.3, 0.7],
+)  # fmt: skip
+"""Each group dislikes one type: it pays to wait for a worker of the other group."""
+
+
+class AllSets:
+    """Every set of requests that may wait in a small model, with targets in expectation over everything.
+
+    There is one request for each type and step of arrival, so a set is a row of 0s and 1s over all of them.
+    """
+
+    def __init__(self, model):
+        self.model, self.horizon = model, model.horizon
+        kind, arrival = (x.ravel() for x in np.indices((model.reward.size, model.horizon)))
+        expiry = np.minimum(arrival + model.lifetime[kind], model.horizon - 1)
+        utility = model.utility[:, kind] - model.outside_by_group[:, None]
+        none = np.zeros((kind.size, 0))
+        # The type stands where the pick-up place does.
+        self.requests = Requests(
+            model.reward[kind], model.penalty[kind], arrival, expiry, utility, none, kind, np.zeros_like(kind)
+        )
+
+    def sets(self, step):
+        """All subsets of those that may wait."""
+        r = self.requests
+        may = np.flatnonzero((r.arrival <= step) & (r.expiry > step))
+        if not may.size:
+            return None
+        member = np.zeros((2**may.size, r.reward.size), dtype=bool)
+        member[:, may] = np.array(list(product([False, True], repeat=may.size)))
+        return self._rows(step, member)
+
+    def _rows(self, step, member):
+        return RequestSets(self.requests, step, np.broadcast_to(np.arange(member.shape[1]), member.shape), member)
+
+    def _target(self, value, step, member):
+        """Lemma 1 before the new requests, the worker and the group are seen, (b,)."""
+        m, r, total = self.model, self.requests, np.zeros(len(member))
+        for new in product([0, 1], repeat=m.reward.size):
+            chance = np.prod([stream.probability[c] for stream, c in zip(m.streams, new, strict=True)])
+            open_ = member | ((r.arrival == step + 1) & (np.array(new)[r.pickup] == 1))
+            over = open_ & (r.expiry == step + 1)
+            waits = self._rows(step + 1, open_ & ~over)
+            total += chance * (value.value(waits) + (over * r.penalty).sum(axis=1))
+            worth = r.reward - over * r.penalty - value.opportunity_cost(waits)
+            for group, share in enumerate(m.share):
+                profit = optimal_prices(worth, r.utility[group], m.mu[group], offered=open_).profit
+                total += chance * (1.0 - m.workers[0]) * share * profit
+        return total
+
+    def target_differences(self, value, step):
+        """Target of each set less that without each member."""
+        sets = self.sets(step)
+        return removal_differences(lambda s: self._target(value, step, s.member), sets)
+
+
+class Indicators:
+    """A term with one coefficient for each multiset of (type, steps left) but the empty one."""
+
+    def __init__(self, experience):
+        self._number = {}
+        for step in range(experience.horizon - 1):
+            for key in self._keys(experience.sets(step)):
+                if key:
+                    self._number.setdefault(key, len(self._number))
+        self.size = len(self._number)
+
+    def _keys(self, sets):
+        pairs = zip(sets.requests.pickup[sets.index], sets.steps_left, sets.member, strict=True)
+        return [tuple(sorted(zip(k[on].tolist(), left[on].tolist(), strict=True))) for k, left, on in pairs]
+
+    def _basis(self, sets):
+        basis = np.zeros((len(sets), self.size))
+        for b, key in enumerate(self._keys(sets)):
+            if key:
+                basis[b, self._number[key]] = 1.0
+        return basis
+
+    def value(self, sets, theta):
+        """The coefficient of each set's multiset."""
+        return self._basis(sets) @ theta
+
+    def opportunity_cost(self, sets, theta):
+        """Differences of coefficients."""
+        return removal_differences(lambda s: self.value(s, theta), sets)
+
+    def differences(self, sets):
+        """Differences of indicators."""
+        b, i = np.nonzero(sets.member)
+        fewer = sets.rows(b)
+        fewer.member[np.arange(b.size), i] = False
+        found = np.zeros((*sets.member.shape, self.size))
+        found[b, i] = self._basis(sets)[b] - self._basis(fewer)
+        return found
+
+
+def test_indicators_reproduce_the_exact_value_function():
+    """With a coefficient for each state and exact expectations, the fit is the exact value function (1e-6 asked for).
+
+    Opportunity costs and values beyond the empty set's, at every step and set; least squares leave some 1e-9.
+    """
+    experience = AllSets(TINY)
+    fitted = LinearValue(terms=[Indicators(experience)], ridge=0.0).fit(experience)
+    exact, seen = solve_exactly(TINY), 0
+    for step in range(TINY.horizon - 1):
+        sets = experience.sets(step)
+        kind = experience.requests.pickup[sets.index]
+        left = sets.steps_left.astype(int)
+        cost = exact.opportunity_cost(step, kind, left, sets.member)
+        np.testing.assert_allclose(fitted.opportunity_cost(sets), cost, atol=1e-6)
+        level = exact.post_decision_value(step, kind, left, sets.member)
+        np.testing.assert_allclose(fitted.value(sets), level - level[0], atol=1e-6)
+        seen += sets.member.sum()
+    assert seen > 200
+    assert fitted.residual_ < 1e-6
+
+
+@pytest.fixture(scope="module", params=[SCARCE, CHOOSY], ids=["scarce", "choosy"])
+def solved(request):
+    """A model, its exact value, fresh instances, and what the exact and the myopic policy earn on them."""
+    model = request.param
+    exact = solve_exactly(model)
+
+    class Exact:
+        def opportunity_cost(self, state):
+            return exact.opportunity_cost(state.step, state.pickup, np.maximum(state.steps_left, 0), state.offered)
+
+    fresh = model.sample(4000, seed=2)
+    policies = (PostDecisionPricing(value_function=Exact()), PostDecisionPricing())
+    return model, exact.value, fresh, *(simulate(fresh, policy).reward for policy in policies)
+
+
+@pytest.mark.parametrize("form", [LinearValue(), KernelValue()], ids=["linear", "kernel"])
+def test_trained_policies_are_nearly_optimal(solved, form):
+    """Trained on 300 instances, on 4000 others: above myopic, not above the optimum, and within 0.5 % of it.
+
+    Paired with the exact policy on the same instances, its share is known to some 0.2 %. Both forms reach 99.8 % of it
+    and more, myopic prices 99.0 and 95.4 %.
+    """
+    model, optimum, fresh, best, myopic = solved
+    earned = simulate(fresh, train(model.sample(300, seed=1), form, choice="true").policy).reward
+    assert mean_interval(earned, myopic).low > 0
+    error = earned.std() / np.sqrt(earned.size)
+    assert earned.mean() <= optimum + 4 * error
+    assert abs(best.mean() - optimum) <= 4 * error
+    assert mean_interval(earned, 0.995 * best).low > 0
+
+
+class Drawn:
+    """Experience of random sets and of targets that a function of them gives, for T = 4."""
+
+    horizon = 4
+
+    def __init__(self, draw, target, groups=1, b=40, ties=False, empty=()):
+        self._sets = [
+            None if step in empty else draw(100 + step, b, 6, groups, step=step, ties=ties) for step in range(3)
+        ]
+        self._target = target
+        self.requests = next(s for s in self._sets if s is not None).requests
+
+    def sets(self, step):
+        """Random sets; None after the last step."""
+        return None if step >= 3 else self._sets[step]
+
+    def target_differences(self, value, step):
+        """What the function says."""
+        sets = self._sets[step]
+        return np.where(sets.member, self._target(sets, value), 0.0)
+
+
+def urgency(sets, value):
+    """Targets beyond the penalty that grow with surplus, and shrink with time and company."""
+    worth = sets.mean_surplus / (1.0 + np.abs(sets.steps_left)) - sets.member.sum(axis=1, keepdims=True)
+    return sets.penalty + worth
+
+
+FORMS = pytest.mark.parametrize(
+    "form",
+    [LinearValue(), LinearValue(busy_knots=(0.0, 3.0, 10.0)), KernelValue(landmarks=5)],
+    ids=["linear", "busy", "kernel"],
+)
+
+
+@FORMS
+@pytest.mark.parametrize("groups", [1, 3])
+def test_opportunity_costs_equal_brute_force(random_sets, form, groups):
+    """All removals at once are the differences of values of sets evaluated one by one (rounding: 1e-8 money)."""
+    fitted = clone(form).fit(Drawn(random_sets, urgency, groups))
+    for seed in range(5):
+        sets = random_sets(seed, 7, 8, groups)
+        cost = fitted.opportunity_cost(sets)
+        np.testing.assert_allclose(cost, removal_differences(fitted.value, sets), atol=1e-8)
+        assert np.abs(cost).max() > 0.1
+        assert not cost[~sets.member].any()
+
+
+def test_the_order_of_the_columns_does_not_matter(random_sets):
+    """Prices do not depend on how a set is written down, ties or not (rounding: 1e-8 money)."""
+    fitted = LinearValue().fit(Drawn(random_sets, urgency, 3))
+    for ties in (False, True):
+        sets = random_sets(3, 9, 8, 3, ties=ties)
+        p = np.random.default_rng(0).permutation(8)
+        shuffled = replace(sets, index=sets.index[:, p], member=sets.member[:, p])
+        np.testing.assert_allclose(fitted.value(shuffled), fitted.value(sets), atol=1e-8)
+        np.testing.assert_allclose(fitted.opportunity_cost(shuffled), fitted.opportunity_cost(sets)[:, p], atol=1e-8)
+
+
+@FORMS
+def test_empty_sets_are_worth_nothing(random_sets, form):
+    """A value counts from that of the empty set."""
+    fitted, sets = clone(form).fit(Drawn(random_sets, urgency)), random_sets(1)
+    nobody = replace(sets, member=np.zeros_like(sets.member))
+    assert not fitted.value(nobody).any()
+    assert not fitted.opportunity_cost(nobody).any()
+
+
+@FORMS
+@pytest.mark.parametrize("groups", [1, 3])
+def test_a_function_of_the_form_is_found(random_sets, form, groups):
+    """Where the targets are of the form itself, a small ridge finds them again, on sets never seen (1e-3 money)."""
+    template = clone(form).fit(Drawn(random_sets, urgency, groups, b=200))
+    theta = np.random.default_rng(5).normal(size=template.coef_.shape[1])
+    template.coef_ = np.tile(theta, (4, 1))
+
+    found = clone(form).set_params(ridge=1e-7)
+    found.fit(Drawn(random_sets, lambda sets, _: template.opportunity_cost(sets), groups, b=200))
+    sets = random_sets(77, 20, 6, groups, ties=False)
+    truth = template.opportunity_cost(sets)
+    np.testing.assert_allclose(found.opportunity_cost(sets), truth, atol=1e-3)
+    assert np.abs(truth).max() > 0.5
+    assert found.residual_ < 1e-4
+
+
+def test_the_ridge_draws_to_the_next_step(random_sets):
+    """Each step minimises squares plus ridge times the squared distance to the next step's coefficients (1e-7)."""
+    experience = Drawn(random_sets, urgency)
+    fitted = LinearValue(ridge=3.0).fit(experience)
+    assert not fitted.coef_[3].any()
+    squares = count = 0.0
+    for step in (2, 1, 0):
+        sets = experience.sets(step)
+        x = np.concatenate([t.differences(sets)[sets.member] for t in fitted.terms_], axis=-1)
+        y = (urgency(sets, None) - sets.penalty)[sets.member]
+        root = np.sqrt(3.0)
+        more = root * np.eye(x.shape[1])
+        expected = np.linalg.lstsq(
+            np.vstack([x, more]), np.concatenate([y, root * fitted.coef_[step + 1]]), rcond=None
+        )[0]
+        np.testing.assert_allclose(fitted.coef_[step], expected, atol=1e-7)
+        squares += ((x @ expected - y) ** 2).sum()
+        count += y.size
+    assert fitted.residual_ == pytest.approx(np.sqrt(squares / count), rel=1e-9)
+    stiff = LinearValue(ridge=1e12).fit(experience)
+    assert np.abs(stiff.coef_).max() < 1e-6
+
+
+def test_steps_that_nobody_saw_copy_the_next(random_sets):
+    """Where no set was visited, the coefficients are those of the next step."""
+    fitted = LinearValue().fit(Drawn(random_sets, urgency, empty=(1,)))
+    np.testing.assert_array_equal(fitted.coef_[1], fitted.coef_[2])
+    assert fitted.coef_[1].any()
+    assert (fitted.coef_[0] != fitted.coef_[1]).any()
+
+
+@FORMS
+def test_nobody_ever_waits(random_sets, form):
+    """With nothing to learn from nothing fails, and what waits is worth its penalty: it will expire."""
+    experience = Drawn(random_sets, urgency)
+    experience._sets = [None] * 3
+    fitted = clone(form).fit(experience)
+    assert not fitted.coef_.any()
+    sets = random_sets(0)
+    expired = np.where(sets.member, sets.penalty, 0.0)
+    np.testing.assert_array_equal(fitted.opportunity_cost(sets), expired)
+    np.testing.assert_array_equal(fitted.value(sets), expired.sum(axis=1))
+    assert fitted.residual_ == 0.0
+
+
+def test_what_the_busy_stretch_tells_is_learned(random_sets):
+    """Targets that depend on the busy stretch are fitted better by a function that sees it; it says that it does."""
+
+    def target(sets, value):
+        return sets.penalty + (urgency(sets, value) - sets.penalty) * (1.0 + sets.busy[:, None] / 5.0)
+
+    seeing = LinearValue(busy_knots=(0.0, 7.0, 14.0))
+    assert not seeing.sees_busy
+    seeing.fit(Drawn(random_sets, target, b=200))
+    blind = LinearValue().fit(Drawn(random_sets, target, b=200))
+    assert (seeing.sees_busy, blind.sees_busy) == (True, False)
+    assert seeing.residual_ < 0.6 * blind.residual_
+    with pytest.raises(InputError, match="pass busy"):
+        seeing.value(replace(random_sets(0), busy=None))
+
+
+def test_groups_rank_by_their_own_surplus(random_sets):
+    """One group: requests are ranked by surplus; several: by each group's, and by urgency."""
+    one, three = (LinearValue().fit(Drawn(random_sets, urgency, groups)) for groups in (1, 3))
+    assert [t.order for t in one.terms_] == ["surplus"]
+    assert [t.order for t in three.terms_] == [0, 1, 2, "urgency"]
+    assert [t.features.group for t in three.terms_] == [0, 1, 2, None]
+    surplus = Drawn(random_sets, urgency).requests.mean_surplus[:-1]  # the last is padding
+    ends = np.quantile(surplus, [0.03, 0.97])
+    np.testing.assert_allclose(one.terms_[0].features.surplus_knots, ends, rtol=1e-12)
+    assert (one.coef_.shape, three.coef_.shape) == ((4, 18), (4, 72))
+
+
+@FORMS
+def test_it_is_an_estimator(random_sets, form):
+    """Parameters are read and set, clones are unfitted and equal, predict is value, and fit returns the estimator."""
+    experience, sets = Drawn(random_sets, urgency), random_sets(0)
+    one = clone(form)
+    assert one.get_params() == form.get_params()
+    assert one.fit(experience) is one
+    np.testing.assert_array_equal(one.predict(sets), one.value(sets))
+    again = clone(one)
+    assert not hasattr(again, "coef_")
+    again.set_params(ridge=50.0)
+    assert again.ridge == 50.0
+    assert one.ridge == 1.0
+    assert np.abs(again.fit(experience).coef_).sum() < np.abs(one.coef_).sum()
+    with pytest.raises(ValueError, match="Invalid parameter"):
+        again.set_params(nonsense=1)
+
+
+def test_parameters_count_at_the_next_fit(random_sets):
+    """A second fit starts afresh: with new parameters, and for other groups."""
+    one = LinearValue().fit(Drawn(random_sets, urgency))
+    one.set_params(surplus_knots=4, time_knots=(1.0, 5.0), rank_knots=(0.0, 2.0))
+    assert one.fit(Drawn(random_sets, urgency)).coef_.shape == (4, 16)
+    three = Drawn(random_sets, urgency, 3)
+    np.testing.assert_array_equal(one.fit(three).coef_, clone(one).fit(three).coef_)
+    kernel = KernelValue(landmarks=5).fit(Drawn(random_sets, urgency))
+    assert kernel.set_params(landmarks=3).fit(three).coef_.shape == (4, 9)
+
+
+def test_the_seed_places_the_landmarks(random_sets):
+    """The same seed gives the same landmarks; there are no more than different requests."""
+    experience = Drawn(random_sets, urgency)
+    one, two, other = (KernelValue(landmarks=4, seed=s).fit(experience) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one.coef_, two.coef_)
+    assert (one.terms_[0].features.landmarks != other.terms_[0].features.landmarks).any()
+    few = Drawn(random_sets, urgency, b=1, ties=True)
+    different = {(*s.surplus[0, i], s.steps_left[0, i]) for t in range(3) for s in [few.sets(t)] for i in
+                 np.flatnonzero(s.member[0])}  # fmt: skip
+    assert KernelValue(landmarks=50).fit(few).terms_[0].features.size == len(different)
+
+
+@FORMS
+def test_what_is_not_fitted_says_so(random_sets, form):
+    """Without a fit, or beyond its steps, there is no value: an InputError that tells why."""
+    one, sets = clone(form), random_sets(0)
+    for ask in (one.value, one.opportunity_cost, one.predict, lambda _: one.to_dict()):
+        with pytest.raises(InputError, match="is not fitted: call fit first"):
+            ask(sets)
+    one.fit(Drawn(random_sets, urgency))
+    for step in (4, -1):
+        late = replace(sets, step=step)
+        with pytest.raises(InputError, match=f"step {step} is beyond the 4 steps"):
+            one.opportunity_cost(late)
+
+
+@pytest.mark.parametrize(
+    "explode",
+    [
+        lambda sets, value: sets.mean_surplus * 1e6,
+        lambda sets, value: sets.mean_surplus * np.nan,
+        lambda sets, value: urgency(sets, value) + (1e3 * np.abs(value.opportunity_cost(sets)) + 1e3) ** 2,
+    ],
+    ids=["large", "NaN", "feeding on itself"],
+)
+@FORMS
+def test_an_explosion_is_a_training_error(random_sets, form, explode):
+    """Targets that explode are told, with the step and a remedy; the estimator stays as it was, fitted or not."""
+    fine, bad = Drawn(random_sets, urgency), Drawn(random_sets, explode, groups=3)
+    one = clone(form)
+    with pytest.raises(TrainingError, match=r"diverged: opportunity costs of .* at step \d; raise ridge"):
+        one.fit(bad)
+    assert vars(one) == vars(form)
+    one.fit(fine)
+    before = dict(vars(one))
+    with pytest.raises(TrainingError):
+        one.fit(bad)
+    assert list(vars(one)) == list(before)
+    assert all(vars(one)[name] is before[name] for name in before)
+
+
+def test_an_explosion_of_the_fit_itself_is_told(random_sets):
+    """Equations without a solution are a TrainingError too, not one of NumPy's."""
+    with pytest.raises(TrainingError, match="ridge = 1e-300 is too small"):
+        LinearValue(ridge=1e-300).fit(Drawn(random_sets, urgency, b=1))
+
+
+def test_regressors_that_are_no_numbers_are_told(random_sets):
+    """A term that runs off where no later fit would notice, at the first step, is a TrainingError of that step."""
+
+    class Broken(RankedTerm):
+        def differences(self, sets):
+            found = super().differences(sets)
+            return found * np.nan if sets.step == 0 else found
+
+    own = Broken(HatFeatures(None, [0.0, 50.0], [1.0, 10.0]), "surplus", [0.0, 4.0])
+    with pytest.raises(TrainingError, match="at step 0"):
+        LinearValue(terms=[own]).fit(Drawn(random_sets, urgency))
+
+
+def test_an_interrupted_fit_leaves_no_trace(random_sets):
+    """Ctrl-C in the middle of a sweep leaves the last complete fit."""
+
+    def interrupt(sets, value):
+        if sets.step == 1:
+            raise KeyboardInterrupt
+        return urgency(sets, value)
+
+    one = LinearValue().fit(Drawn(random_sets, urgency))
+    coefficients = one.coef_.copy()
+    with pytest.raises(KeyboardInterrupt):
+        one.fit(Drawn(random_sets, interrupt))
+    np.testing.assert_array_equal(one.coef_, coefficients)
+
+
+@pytest.mark.parametrize(
+    ("form", "words"),
+    [
+        (LinearValue(ridge=-1.0), "ridge = -1"),
+        (LinearValue(ridge=np.inf), "ridge = inf"),
+        (LinearValue(ridge=np.nan), "ridge = nan"),
+        (LinearValue(ridge="much"), "ridge = 'much'"),
+        (LinearValue(surplus_knots=1), "surplus_knots = 1"),
+        (LinearValue(surplus_knots=2.5), r"surplus_knots = 2\.5"),
+        (LinearValue(time_knots=(3.0, 1.0)), "time_knots"),
+        (LinearValue(rank_knots=(0.0,)), "rank_knots"),
+        (LinearValue(busy_knots=(1.0, 0.0)), "busy_knots"),
+        (KernelValue(landmarks=0), "landmarks = 0"),
+        (KernelValue(landmarks=1.5), r"landmarks = 1\.5"),
+        (KernelValue(gamma=0.0), "gamma = 0"),
+        (KernelValue(gamma=np.nan), "gamma = nan"),
+    ],
+)
+def test_bad_settings(random_sets, form, words):
+    """Settings out of range are InputErrors that name them, and no half-fitted estimator is left."""
+    with pytest.raises(InputError, match=words):
+        form.fit(Drawn(random_sets, urgency))
+    assert not hasattr(form, "coef_")
+    assert not hasattr(form, "terms_")
+
+
+@pytest.mark.parametrize("groups", [1, 3])
+@pytest.mark.parametrize(
+    "form",
+    [
+        LinearValue(surplus_knots=np.int64(3), time_knots=np.array([1.0, 4.0])),
+        LinearValue(busy_knots=(0.0, 2.0)),
+        KernelValue(landmarks=5, gamma=0.3),
+    ],
+    ids=["linear", "busy", "kernel"],
+)
+def test_plain_data_and_back(random_sets, form, groups):
+    """Through JSON and back, settings and all opportunity costs are the same to the last digit."""
+    one = clone(form).fit(Drawn(random_sets, urgency, groups))
+    again = value_of(json.loads(json.dumps(one.to_dict())))
+    sets = random_sets(2, 9, 7, groups)
+    np.testing.assert_array_equal(again.opportunity_cost(sets), one.opportunity_cost(sets))
+    np.testing.assert_array_equal(again.value(sets), one.value(sets))
+    assert again.to_dict() == one.to_dict()
+    assert again.ridge == one.ridge
+
+
+def test_what_nobody_could_read_is_not_written(random_sets):
+    """Terms or classes of one's own are no plain data: an InputError, at once."""
+
+    class Mine(LinearValue):
+        pass
+
+    experience = Drawn(random_sets, urgency)
+
+    class Constant:
+        size = 1
+
+        def differences(self, sets):
+            return np.ones((*sets.member.shape, 1))
+
+        def opportunity_cost(self, sets, theta):
+            return np.where(sets.member, theta[0], 0.0)
+
+        def value(self, sets, theta):
+            return sets.member.sum(axis=1) * theta[0]
+
+    own = LinearValue(terms=[Constant()]).fit(experience)
+    sets = random_sets(0)
+    np.testing.assert_allclose(own.opportunity_cost(sets), removal_differences(own.value, sets), atol=1e-10)
+    for one in (own, Mine().fit(experience)):
+        with pytest.raises(InputError, match="your own cannot be written"):
+            one.to_dict()
+
+
+def plain():
+    """Plain data of a small value function with coefficients 0."""
+    term = RankedTerm(HatFeatures(None, [0.0, 1.0], [1.0, 2.0]), "surplus", [0.0, 1.0])
+    one = LinearValue()
+    one.terms_, one.coef_ = [term], np.zeros((2, 8))
+    return one.to_dict()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"kind": "Pickle"},
+        {"kind": []},
+        {"settings": {"nonsense": 1}},
+        {"settings": None},
+        {"terms": None},
+        {"terms": []},
+        {"terms": ["a"]},
+        {"terms": [{"order": "surplus", "rank_knots": [0.0, 1.0]}]},
+        {"terms": [{**plain()["terms"][0], "busy_knots": [0.0, 1.0]}]},
+        {"coef": None},
+        {"coef": []},
+        {"coef": [[0.0] * 7] * 2},
+        {"coef": [[0.0] * 8, [0.0] * 7]},
+        {"coef": [[[0.0] * 8]]},
+        {"coef": [[float("nan")] * 8] * 2},
+        {"coef": [[float("inf")] * 8] * 2},
+        {"coef": [[None] * 8] * 2},
+        {"coef": [[10**400] * 8] * 2},
+        {"coef": [["a"] * 8] * 2},
+    ],
+)
+def test_damaged_plain_data(damage):
+    """What is no value function is an InputError of one line; what is not damaged is read."""
+    assert value_of(plain()).coef_.shape == (2, 8)
+    with pytest.raises(InputError) as caught:
+        value_of({**plain(), **damage})
+    assert "\n" not in str(caught.value)
