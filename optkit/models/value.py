@@ -185,9 +185,6 @@ class _LinearInTerms(BaseEstimator):  # type: ignore[misc]
 class LinearValue(_LinearInTerms):
     """Ridge regression on hat functions of surplus, steps left and rank.
 
-    Requests are ranked by surplus. With several worker groups there is one such term for each group, and one in which
-    requests are ranked by urgency.
-
     Parameters
     ----------
     surplus_knots : int
@@ -197,6 +194,9 @@ class LinearValue(_LinearInTerms):
     busy_knots : sequence of float, optional
         Knots in the number of steps in a row that have seen a worker. Prices gain little by it, penalised bounds a
         fifth of the gap.
+    by_group : bool
+        One term for each worker group, ranked by the surplus to it, and one ranked by urgency, in place of one ranked
+        by mean surplus. In scenario II prices gain nothing by it, at three times the work.
     ridge : float
         Penalty that draws the coefficients of a step to those of the next, at least 0.
     terms : sequence of Term, optional
@@ -223,6 +223,7 @@ class LinearValue(_LinearInTerms):
         time_knots: Sequence[float] = (1.0, 3.0, 10.0),
         rank_knots: Sequence[float] = (0.0, 1.0, 4.0),
         busy_knots: Sequence[float] | None = None,
+        by_group: bool = False,
         ridge: float = 1.0,
         terms: Sequence[Term] | None = None,
     ) -> None:
@@ -230,6 +231,7 @@ class LinearValue(_LinearInTerms):
         self.time_knots = time_knots
         self.rank_knots = rank_knots
         self.busy_knots = busy_knots
+        self.by_group = by_group
         self.ridge = ridge
         self.terms = terms
 
@@ -246,10 +248,9 @@ class LinearValue(_LinearInTerms):
         def hat(group: int | None) -> HatFeatures:
             return HatFeatures(group, surplus_knots(requests, self.surplus_knots, group, known), time)
 
-        groups = requests.surplus.shape[1]
-        if groups == 1:
+        if not self.by_group:
             return [RankedTerm(hat(None), "surplus", rank, busy)]
-        ranked = [RankedTerm(hat(group), group, rank, busy) for group in range(groups)]
+        ranked = [RankedTerm(hat(group), group, rank, busy) for group in range(requests.surplus.shape[1])]
         return [*ranked, RankedTerm(hat(None), "urgency", rank, busy)]
 
 

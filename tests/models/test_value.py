@@ -213,8 +213,8 @@ def urgency(sets, value):
 
 FORMS = pytest.mark.parametrize(
     "form",
-    [LinearValue(), LinearValue(busy_knots=(0.0, 3.0, 10.0)), KernelValue(landmarks=5)],
-    ids=["linear", "busy", "kernel"],
+    [LinearValue(), LinearValue(by_group=True), LinearValue(busy_knots=(0.0, 3.0, 10.0)), KernelValue(landmarks=5)],
+    ids=["linear", "by group", "busy", "kernel"],
 )
 
 
@@ -233,7 +233,7 @@ def test_opportunity_costs_equal_brute_force(random_sets, form, groups):
 
 def test_the_order_of_the_columns_does_not_matter(random_sets):
     """Prices do not depend on how a set is written down, ties or not (rounding: 1e-8 money)."""
-    fitted = LinearValue().fit(Drawn(random_sets, urgency, 3))
+    fitted = LinearValue(by_group=True).fit(Drawn(random_sets, urgency, 3))
     for ties in (False, True):
         sets = random_sets(3, 9, 8, 3, ties=ties)
         p = np.random.default_rng(0).permutation(8)
@@ -330,8 +330,9 @@ def test_what_the_busy_stretch_tells_is_learned(random_sets):
 
 
 def test_groups_rank_by_their_own_surplus(random_sets):
-    """One group: requests are ranked by surplus; several: by each group's, and by urgency."""
-    one, three = (LinearValue().fit(Drawn(random_sets, urgency, groups)) for groups in (1, 3))
+    """Requests are ranked by mean surplus, or by each group's and by urgency."""
+    one = LinearValue().fit(Drawn(random_sets, urgency))
+    three = LinearValue(by_group=True).fit(Drawn(random_sets, urgency, 3))
     assert [t.order for t in one.terms_] == ["surplus"]
     assert [t.order for t in three.terms_] == [0, 1, 2, "urgency"]
     assert [t.features.group for t in three.terms_] == [0, 1, 2, None]
