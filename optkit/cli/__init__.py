@@ -10,10 +10,12 @@ import typer
 
 from optkit.cli.bound import bound
 from optkit.cli.collect import collect
+from optkit.cli.evaluate import evaluate
 from optkit.cli.fit import fit
 from optkit.cli.generate import generate
 from optkit.cli.price import price
 from optkit.cli.run import run
+from optkit.cli.train import train
 from optkit.errors import OptkitError
 
 app = typer.Typer(
@@ -35,7 +37,7 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
         raise typer.Exit
 
 
-for verb in (run, generate, bound, price, collect, fit):
+for verb in (run, generate, bound, price, collect, fit, train, evaluate):
     app.command()(verb)
 
 
