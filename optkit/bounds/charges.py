@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from optkit.bounds.foresight import Foresight, Surroundings, surroundings
+from optkit.bounds.foresight import Foresight, Outlook, Surroundings, surroundings
 from optkit.instance import Floats, Instance, Ints
 from optkit.models.closed_form import nonnegative
 from optkit.models.decision import Decisions
@@ -44,41 +44,45 @@ class Charges:
         The distribution of what is not known.
     seed : int or SeedSequence
         Of the arrivals that are drawn.
+    most : int or None
+        Largest number of waiting requests that are looked at: beyond it, those of the largest mean surplus.
     """
 
     instance: Instance
     value: SetValue
     foresight: Foresight
     seed: int | np.random.SeedSequence
+    most: int | None = None
 
     @cached_property
     def _around(self) -> Surroundings:
         return surroundings(self.instance, self.foresight, np.random.default_rng(self.seed))
 
     @cached_property
-    def _group(self) -> Ints:
-        """Group of the worker at each step, (T,); -1 where there is none."""
-        group = np.full(self.instance.horizon, -1)
-        group[self.instance.worker_step] = self.instance.worker_group
-        return group
-
-    @cached_property
-    def _busy(self) -> Ints:
-        """Steps in a row, up to the one before each, that saw a worker, (T,)."""
-        step = np.arange(self.instance.horizon)
-        idle = np.maximum.accumulate(np.where(self._group < 0, step, -1))
-        return np.concatenate([[0], (step - idle)[:-1]])
-
-    @cached_property
-    def _presence(self) -> Floats:
-        """Probability of a worker at each step, given the past, (T,)."""
-        table = self.foresight.presence
-        return np.asarray(table[np.minimum(self._busy, table.size - 1)])
+    def _workers(self) -> Outlook:
+        return self.foresight.of_workers(self.instance)
 
     def __call__(self, step: int, requests: Ints) -> Floats:
         """Charge of every subset of the k requests that wait after a step, (2^k,), money."""
-        k = requests.size
-        return self._charge(step, requests, (np.arange(1 << k)[:, None] >> np.arange(k) & 1).astype(bool))
+        seen = self._looked_at(requests)
+        subsets = (np.arange(1 << seen.size)[:, None] >> np.arange(seen.size) & 1).astype(bool)
+        table = self._charge(step, requests[seen], subsets)
+        if seen.size == requests.size:
+            return table
+        bit = np.zeros(requests.size, np.int64)
+        bit[seen] = 1 << np.arange(seen.size)
+        place = np.zeros(1, np.int64)
+        for one in bit:
+            place = np.concatenate([place, place + one])
+        return np.asarray(table[place])
+
+    def _looked_at(self, requests: Ints) -> Ints:
+        """Positions of those that are looked at among the requests that wait (k,), in order."""
+        if self.most is None or requests.size <= self.most:
+            return np.arange(requests.size)
+        # Ties by number, so that it does not matter in which order the requests are listed.
+        order = np.lexsort((requests, -self._around.requests.mean_surplus[requests]))
+        return np.sort(order[: self.most])
 
     def idle(self, steps: Ints) -> float:
         """Charge after steps at which nothing waits that is looked at, money: the same for all policies.
@@ -100,8 +104,8 @@ class Charges:
         """
         total = np.zeros(len(last))
         for step in range(-1, self.instance.horizon - 1):
-            there = tracked & (self.instance.arrival <= step) & (self.instance.expiry > step)
-            requests = np.flatnonzero(there)
+            there = np.flatnonzero(tracked & (self.instance.arrival <= step) & (self.instance.expiry > step))
+            requests = there[self._looked_at(there)]
             total += self._charge(step, requests, last[:, requests] >= step)
         return total
 
@@ -129,13 +133,13 @@ class Charges:
         table = self._around.requests
         left = table.expiry[index[:1]] > step
         penalty = np.where(left, 0.0, table.penalty[index[:1]])
-        group, p = int(self._group[step]), float(self._presence[step])
+        group, p = int(self._workers.group[step]), float(self._workers.presence[step])
         if known:
             p = float(group >= 0)
             weight = p * (np.arange(self.foresight.share.size) == group)
         else:
             weight = p * self.foresight.share
-        stretch = np.full(len(index), self._busy[step] + 1)
+        stretch = np.full(len(index), self._workers.busy[step] + 1)
         busy = RequestSets(table, step, index, open_ & left, stretch)
         future = open_ @ penalty[0]
         if getattr(self.value, "sees_busy", False):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +74,41 @@ class Foresight:
             if np.shape(self.weight) != (len(pool),):
                 raise InputError(f"weight has {np.size(self.weight)} entries for {len(pool)} instances in the pool")
             _adds_up("weight", self.weight)
+
+    def of_workers(self, instance: Instance) -> Outlook:
+        """Say how likely a worker was at each step of an instance, given what had been seen before.
+
+        Raises
+        ------
+        InputError
+            If the shares are those of other groups.
+        """
+        if self.share.size != instance.n_groups:
+            raise InputError(f"share has {self.share.size} groups; the instance to be bounded has {instance.n_groups}")
+        step = np.arange(instance.horizon)
+        group = np.full(instance.horizon, -1)
+        group[instance.worker_step] = instance.worker_group
+        idle = np.maximum.accumulate(np.where(group < 0, step, -1))
+        busy = np.concatenate([[0], (step - idle)[:-1]])
+        return Outlook(group, busy, self.presence[np.minimum(busy, self.presence.size - 1)])
+
+
+class Outlook(NamedTuple):
+    """Workers of one instance, step by step.
+
+    Attributes
+    ----------
+    group : (T,) int
+        Group of the worker who came; -1 where there is none.
+    busy : (T,) int
+        For how many steps in a row, up to the one before, a worker had been seen.
+    presence : (T,) float
+        Probability of a worker, given that.
+    """
+
+    group: Ints
+    busy: Ints
+    presence: Floats
 
 
 def _probabilities(name: str, value: npt.ArrayLike) -> Floats:
@@ -173,10 +209,8 @@ def surroundings(instance: Instance, foresight: Foresight, rng: np.random.Genera
     Raises
     ------
     InputError
-        If the pool's instances have other groups, features or another horizon, or there is a share for other groups.
+        If the pool's instances have other groups, features or another horizon.
     """
-    if foresight.share.size != instance.n_groups:
-        raise InputError(f"share has {foresight.share.size} groups; the instance to be bounded has {instance.n_groups}")
     pool = _usable(instance, foresight.arrivals)
     start = np.cumsum([0, instance.n_requests, *(one.n_requests for one in pool)])
     requests = join_requests([instance, *pool])

@@ -9,6 +9,7 @@ from typing import NoReturn
 import typer
 
 from optkit.cli.bound import bound
+from optkit.cli.certify import certify
 from optkit.cli.collect import collect
 from optkit.cli.evaluate import evaluate
 from optkit.cli.fit import fit
@@ -37,7 +38,7 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
         raise typer.Exit
 
 
-for verb in (run, generate, bound, price, collect, fit, train, evaluate):
+for verb in (run, generate, bound, certify, price, collect, fit, train, evaluate):
     app.command()(verb)
 
 

@@ -2,89 +2,151 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
+import hashlib
+import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit import __version__
 from optkit.cli.console import print_table, progress_bar
 from optkit.cli.options import Json, Quiet
-from optkit.errors import InputError, InstanceError, OptkitError, SolverError
+from optkit.cli.output import check_file, write_rows
+from optkit.errors import InputError, InstanceError, SolverError
 
 if TYPE_CHECKING:
+    from optkit.charging import Charging
     from optkit.instance import Instance
+
+METHODS: dict[str, tuple[str, ...]] = {
+    "full": ("assignment", "lp", "milp"),
+    "arrival": ("exact", "hybrid", "lagrangian", "program"),
+    "penalised": (),
+}
+"""Kinds of bounds, and the methods of each."""
 
 
 def bound(
     folder: Annotated[Path, typer.Argument(help="Folder of an instance set, written by optkit generate.")],
-    method: Annotated[str | None, typer.Option(help="lp, milp or assignment; the fastest by default.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Seconds per instance.")] = None,
+    kind: Annotated[
+        str,
+        typer.Option(help="full (information), arrival (information), or penalised: sets drawn from a scenario only."),
+    ] = "full",
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="full: assignment, lp or milp; arrival: exact, hybrid, lagrangian or program. "
+            "The fastest, or the tightest that the size allows, by default."
+        ),
+    ] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Seconds per instance; with --kind full.")] = None,
     jobs: Annotated[int, typer.Option(help="Processes; 0 means one per core.")] = 1,
+    checkpoint: Annotated[
+        Path | None,
+        typer.Option(help="Keep each bound in this folder; the same command goes on from there."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Also write the rows to this .csv or .parquet file.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Bound every instance of a set with full information, and check every certificate.
+    """Bound every instance of a set, and check every certificate.
+
+    Full information bounds what can be earned on the instance as it is. Arrival information bounds the mean over the
+    workers' noise, and is tighter. A penalised bound holds in the mean over instances only, and is the tightest; its
+    charges are trained on further instances of the scenario that scenario.json names.
 
     An instance whose solver gave up is reported with the reason and without a bound; the exit status is then 1.
     """
+    from optkit.parallel import check_jobs, in_parallel
     from optkit.plain import to_json
-    from optkit.publish import writable_parent
+    from optkit.row_log import RowLog
     from optkit.splits import PARTS, has_parts
-    from optkit.storage import load_instances
+    from optkit.storage import load_instances, read_description
 
-    if jobs < 0:
-        raise InputError(f"--jobs {jobs} is negative; 0 means one process per core")
-    if out is not None and (out.suffix not in (".csv", ".parquet") or out.is_dir()):
-        raise InputError(f"--out {out} must be a file that ends in .csv or .parquet")
-    if out is not None and not (out.resolve().parent.is_dir() and writable_parent(out)):
-        raise InputError(f"--out {out} cannot be written: its folder does not exist, or may not be written to")
+    jobs = check_jobs(jobs, "--jobs")
+    kind = "penalised" if kind == "penalized" else kind
+    _check_options(kind, method, time_limit)
+    if out is not None:
+        check_file(out, ".csv", ".parquet")
     if folder.is_dir() and has_parts(folder):
         parts = [part for part in PARTS if (folder / part).is_dir()]
         raise InputError(
             f"{folder} holds the sets {', '.join(parts)}: name one of them, for example {folder / parts[-1]}"
         )
     instances = load_instances(folder)
-    rows: list[dict[str, Any]] = []
+    description = read_description(folder)
+    asked = json.dumps([__version__, description["files"], kind, method, time_limit], sort_keys=True)
+    key = hashlib.sha256(asked.encode()).hexdigest()
+    log = RowLog(None if checkpoint is None else checkpoint / f"bounds-{key[:16]}.jsonl", key)
+    missing = log.missing(range(len(instances)))
+    found = dict(log.rows)
     with progress_bar(quiet or as_json) as tell:
-        for row in _bound_all(instances, method, time_limit, jobs or os.cpu_count() or 1):
-            rows.append({"instance": len(rows), **row})
-            tell("bounding", len(rows), len(instances))
+        charging = _charging(folder, description["scenario"]) if kind == "penalised" and missing else None
+        solve = partial(_bound_one, kind=kind, method=method, time_limit=time_limit, charging=charging)
+        for position, row in in_parallel(solve, [(i, instances[i]) for i in missing], jobs):
+            if row["error"] is None:  # what failed is tried again
+                log.add(missing[position], row)
+            found[missing[position]] = row
+            tell("bounding", len(found), len(instances))
+    rows = [{"instance": i, **found[i]} for i in range(len(instances))]
     failed = [row for row in rows if row["bound"] is None]
     if as_json:
-        typer.echo(to_json({"folder": str(folder), "bounds": rows}))
+        typer.echo(to_json({"folder": str(folder), "kind": kind, "bounds": rows}))
     else:
-        _print(folder, rows, failed)
+        _print(folder, kind, rows, failed)
     if out is not None:
-        _write(rows, out)
+        import pandas as pd
+
+        write_rows(pd.DataFrame(rows), out)
     if failed:
         raise typer.Exit(1)
 
 
-def _bound_all(
-    instances: list[Instance], method: str | None, time_limit: float | None, jobs: int
-) -> Iterator[dict[str, Any]]:
-    """Yield a row per instance, in order; a worker process that is killed is an error of ours."""
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    pool = Parallel(n_jobs=max(1, min(jobs, len(instances))), return_as="generator")
-    try:
-        yield from pool(delayed(_bound_one)(one, method, time_limit) for one in instances)
-    except TerminatedWorkerError as error:
-        raise SolverError("a worker process was killed, perhaps for want of memory: take fewer --jobs") from error
+def _check_options(kind: str, method: str | None, time_limit: float | None) -> None:
+    if kind not in METHODS:
+        raise InputError(f"--kind {kind} is unknown; there are {', '.join(METHODS)}")
+    if method is not None and method not in METHODS[kind]:
+        known = f"there are {', '.join(METHODS[kind])}" if METHODS[kind] else "there is but one"
+        raise InputError(f"--method {method} is no method of --kind {kind}; {known}")
+    if time_limit is not None and kind != "full":
+        raise InputError(f"--time-limit goes with --kind full, not with {kind}")
 
 
-def _bound_one(instance: Instance, method: str | None, time_limit: float | None) -> dict[str, Any]:
-    from optkit.bounds import full_information
+def _charging(folder: Path, description: dict[str, Any]) -> Charging:
+    """What to charge with, from the scenario that a set says it was drawn from."""
+    from optkit.charging import scenario_charging, scenario_of
+
+    source = scenario_of(description)
+    if source is None:
+        raise InputError(
+            f"--kind penalised: scenario.json of {folder} names no scenario that can be drawn from again (scenarios "
+            "with trips need their trips): take optkit certify with --worker-rate, or --kind arrival"
+        )
+    return scenario_charging(source)
+
+
+def _bound_one(
+    numbered: tuple[int, Instance], kind: str, method: str | None, time_limit: float | None, charging: Charging | None
+) -> dict[str, Any]:
+    import numpy as np
+
+    from optkit.bounds import arrival_information, full_information, penalized
     from optkit.bounds.bound import prove
+    from optkit.gap_rows import CHARGE_STREAM
 
+    number, instance = numbered
     base = {"requests": instance.n_requests, "workers": instance.n_workers, "penalty": float(instance.penalty.sum())}
     nothing = {"bound": None, "gap": None, "method": method, "seconds": None}
     try:
-        found = full_information(instance, method, time_limit=time_limit)  # type: ignore[arg-type]
+        if charging is not None:
+            seed = np.random.SeedSequence(0, spawn_key=(CHARGE_STREAM, number))
+            found = penalized(instance, charging.value, charging.foresight, seed=seed)
+        elif kind == "arrival":
+            found = arrival_information(instance, method)  # type: ignore[arg-type]
+        else:
+            found = full_information(instance, method, time_limit=time_limit)  # type: ignore[arg-type]
         verdict = prove(found, instance)
     except (SolverError, InstanceError) as error:
         return {**base, **nothing, "error": str(error)}
@@ -93,20 +155,9 @@ def _bound_one(instance: Instance, method: str | None, time_limit: float | None)
     return {**base, **checked, "error": None}
 
 
-def _write(rows: list[dict[str, Any]], out: Path) -> None:
-    import pandas as pd
+def _print(folder: Path, kind: str, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> None:
+    from optkit.metrics import mean_interval
 
-    frame = pd.DataFrame(rows)
-    staging = out.with_name(f".{out.name}.tmp")
-    try:
-        frame.to_csv(staging, index=False) if out.suffix == ".csv" else frame.to_parquet(staging, index=False)
-        os.replace(staging, out)
-    except OSError as error:
-        staging.unlink(missing_ok=True)
-        raise OptkitError(f"{out} cannot be written ({error.strerror or error})") from error
-
-
-def _print(folder: Path, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> None:
     good = [row for row in rows if row["bound"] is not None]
     shown = [
         [str(row["instance"]), str(row["requests"]), str(row["workers"]), f"{row['bound']:.4f}", f"{row['gap']:.1e}"]
@@ -117,10 +168,16 @@ def _print(folder: Path, rows: list[dict[str, Any]], failed: list[dict[str, Any]
     if not rows:
         typer.echo(f"{folder} holds no instances: there is nothing to bound")
         return
-    print_table(f"full information: {folder}", ["instance", "requests", "workers", "bound", "certified gap"], shown)
+    title = "penalised arrival" if kind == "penalised" else kind
+    print_table(f"{title} information: {folder}", ["instance", "requests", "workers", "bound", "certified gap"], shown)
     if good:
-        mean = sum(row["bound"] for row in good) / len(good)
+        mean = mean_interval([row["bound"] for row in good])
         worst = max(row["gap"] for row in good)
-        typer.echo(f"mean bound {mean:.4f} over {len(good)} instances; certificates checked, largest gap {worst:.1e}")
+        typer.echo(
+            f"mean bound {mean.mean:.4f} over {len(good)} instances; certificates checked, largest gap {worst:.1e}"
+        )
+        if kind == "penalised":
+            spread = f" [{mean.low:.2f}, {mean.high:.2f}]" if len(good) > 1 else ""
+            typer.echo(f"only the mean is a bound{spread}: single values may lie above or below what a policy earns")
     for row in failed:
         typer.echo(f"instance {row['instance']}: no bound: {row['error']}")

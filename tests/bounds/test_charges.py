@@ -120,9 +120,10 @@ def test_charges_are_their_definition(sees_busy, groups):
             assert found[subset] == pytest.approx(came - expected, abs=1e-10)
 
 
+@pytest.mark.parametrize("most", [None, 1, 0])
 @pytest.mark.parametrize("sees_busy", [False, True])
 @pytest.mark.parametrize("history", [[0, 1, -1, -1], [-1, -1, -1, -1], [-1, 0, -1, -1]])
-def test_charges_are_zero_in_the_mean_over_what_the_next_step_may_bring(sees_busy, history):
+def test_charges_are_zero_in_the_mean_over_what_the_next_step_may_bring(sees_busy, history, most):
     """For every set that waits, by enumeration of workers, groups and arrivals: nothing is simulated."""
     past, step = [(0, 0), (0, 1), (1, 0)], 1
     busy = {(0, 1): 2, (-1, -1): 0, (-1, 0): 1}[tuple(history[:2])]
@@ -131,7 +132,7 @@ def test_charges_are_zero_in_the_mean_over_what_the_next_step_may_bring(sees_bus
         p = PRESENCE[busy] * SHARE[group] if group >= 0 else 1 - PRESENCE[busy]
         now = [*history[:2], group, -1]
         day = day_of(HORIZON, KINDS, [*past, *((2, k) for k in arrivals)], now)
-        total += chance * p * Charges(day, Made(sees_busy), small_foresight(), 0)(step, np.array([0, 2]))
+        total += chance * p * Charges(day, Made(sees_busy), small_foresight(), 0, most)(step, np.array([0, 2]))
     assert total == pytest.approx(np.zeros(4), abs=1e-11)
 
 
@@ -222,13 +223,34 @@ def test_who_has_foresight_pays(world):
     assert np.mean(paid) > 4 * np.std(paid, ddof=1) / np.sqrt(25)
 
 
+def test_those_of_the_largest_surplus_are_looked_at():
+    """The others may wait or not, in whatever order they are listed; ties go by number."""
+    source = scenario("II", seed=0, request_rate=1.0)
+    day = source.sample(1, seed=8)[0]
+    reward = day.reward - day.penalty + day.utility.mean(axis=0)
+    step = 25
+    waiting = np.flatnonzero((day.arrival <= step) & (day.expiry > step))
+    day = replace(day, reward=day.reward + np.where(np.isin(np.arange(day.n_requests), waiting[3:]), 50 - reward, 0.0))
+    foresight = Foresight(fifo_presence(0.5), np.full(3, 1 / 3), source.sample(5, seed=9))
+    whole, some = (Charges(day, Made(), foresight, 7, most) for most in (None, 5))
+    assert waiting.size > 6
+    best = np.sort(waiting[np.lexsort((waiting, -np.where(waiting >= waiting[3], 50.0, reward[waiting]).round(9)))[:5]])
+    alone = whole(step, best)
+    for order in (waiting, waiting[::-1]):
+        found = some(step, order)
+        for subset in range(0, 1 << order.size, 7):
+            members = order[np.flatnonzero(subset >> np.arange(order.size) & 1)]
+            assert found[subset] == alone[np.isin(best, members) @ (1 << np.arange(5))]
+
+
+@pytest.mark.parametrize("most", [None, 2, 0])
 @pytest.mark.parametrize("sees_busy", [False, True])
-def test_along_a_run_are_the_entries_of_its_sets(sees_busy):
+def test_along_a_run_are_the_entries_of_its_sets(sees_busy, most):
     """The tables' entries, and what is charged where nothing waits, add up to the charge of each of 30 runs."""
     source = scenario("II", seed=0, horizon=9, request_rate=0.6)
     day = source.sample(1, seed=8)[0]
     foresight = Foresight(fifo_presence(0.5), np.full(3, 1 / 3), source.sample(12, seed=9), np.exp(-0.6), draws=3)
-    charges, rng = Charges(day, Made(sees_busy), foresight, 7), np.random.default_rng(0)
+    charges, rng = Charges(day, Made(sees_busy), foresight, 7, most), np.random.default_rng(0)
     last = rng.integers(day.arrival - 1, day.expiry, (30, day.n_requests))
     tracked = np.arange(day.n_requests) != 1
     total, idle = np.zeros(30), []
@@ -240,7 +262,7 @@ def test_along_a_run_are_the_entries_of_its_sets(sees_busy):
         else:
             idle.append(step)
     assert charges.along(last, tracked) == pytest.approx(total + charges.idle(np.array(idle)), abs=1e-10)
-    assert np.unique(total.round(6)).size > 5
+    assert np.unique(total.round(6)).size > (1 if most == 0 else 5) - (most == 0)
 
 
 def test_subsets_may_be_valued_in_parts(monkeypatch):

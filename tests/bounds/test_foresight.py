@@ -131,8 +131,6 @@ def test_what_is_given_is_copied():
 @pytest.mark.parametrize(
     ("foresight", "message"),
     [
-        (Foresight([0.5], [1.0], POOL), "share has 1 groups; the instance to be bounded has 3"),
-        (Foresight([0.5], np.full(4, 0.25)), "share has 4 groups"),
         (Foresight([0.5], THIRDS, scenario("II", seed=0, horizon=13).sample(1, seed=1)), "horizon 13, not 12"),
         (Foresight([0.5], THIRDS, scenario("I.1", seed=0, horizon=12).sample(1, seed=1)), "instance 0 .* other groups"),
         (
@@ -144,6 +142,21 @@ def test_what_is_given_is_copied():
 def test_a_distribution_of_something_else_is_refused(foresight, message):
     with pytest.raises(InputError, match=message):
         surroundings(DAY, foresight, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("groups", [1, 4])
+def test_shares_of_other_groups_are_refused(groups):
+    with pytest.raises(InputError, match=f"share has {groups} groups; the instance to be bounded has 3"):
+        Foresight([0.5], np.full(groups, 1 / groups)).of_workers(DAY)
+
+
+def test_who_has_been_seen_step_by_step():
+    """A stretch begins anew after an idle step, and the last probability stands for longer ones."""
+    day = replace(DAY, worker_step=[1, 2, 3, 5], worker_group=[2, 0, 1, 2], noise=None, outside_noise=None)
+    seen = Foresight([0.1, 0.2, 0.3], THIRDS).of_workers(day)
+    assert seen.group.tolist() == [-1, 2, 0, 1, -1, 2, -1, -1, -1, -1, -1, -1]
+    assert seen.busy.tolist() == [0, 0, 1, 2, 3, 0, 1, 0, 0, 0, 0, 0]
+    assert seen.presence.tolist() == [0.1, 0.1, 0.2, 0.3, 0.3, 0.1, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1]
 
 
 def test_all_requests_are_in_one_table_with_utilities_above_rejecting():

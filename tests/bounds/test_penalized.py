@@ -101,6 +101,7 @@ def test_every_bound_is_proven_and_reached(day, value, limit):
     assert record.method == ("exact" if limit == 12 else "hybrid")
     assert record.details["largest_lattice"] <= limit
     assert record.details["tracked"] == tracked_requests(day, limit).sum()
+    assert (bound.certificate.multipliers[bound.certificate.tracked] == 0).all()
 
 
 @bounded
@@ -163,8 +164,20 @@ def test_any_multipliers_prove_a_bound(value):
 
 @pytest.mark.parametrize("limit", [-1, 2.5, True, "8", None])
 def test_a_limit_is_a_whole_number(limit):
-    with pytest.raises(InputError, match="limit"):
-        penalized(DAYS[0], ZeroSetValue(), FORESIGHT, limit=limit)
+    for name in ("limit", "charged"):
+        with pytest.raises(InputError, match="limit"):
+            penalized(DAYS[0], ZeroSetValue(), FORESIGHT, **{name: limit})
+
+
+@pytest.mark.parametrize("charged", [0, 3])
+def test_fewer_requests_may_be_charged_for_than_are_told_apart(value, charged):
+    bound = penalized(DAYS[2], value, FORESIGHT, charged=charged)
+    assert bound.solver.method == "exact"
+    assert abs(prove(bound, DAYS[2]).gap) <= 1e-8
+    assert bound.value != penalized(DAYS[2], value, FORESIGHT).value
+    idle = bound.certificate.charges.along((DAYS[2].arrival - 1)[None], np.ones(DAYS[2].n_requests, bool))[0]
+    if charged == 0:
+        assert bound.value == pytest.approx(arrival_exact(DAYS[2]).value - idle, abs=1e-9)
 
 
 def test_a_distribution_that_does_not_fit_is_refused():
@@ -220,8 +233,8 @@ def two_kinds(horizon, lifetime, groups):
 
 
 @pytest.mark.parametrize(("horizon", "lifetime"), [(2, 1), (3, 1), (3, 2), (5, 4)])
-@pytest.mark.parametrize("limit", [0, 1, 2, 3])
-def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime, limit):
+@pytest.mark.parametrize(("limit", "charged"), [(0, 9), (1, 9), (2, 9), (3, 9), (9, 1), (9, 2), (3, 2), (9, 0)])
+def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime, limit, charged):
     """All groups enumerated. Were requests chosen for tracking with foresight, several of these would lie below."""
     model = SmallModel(
         horizon=horizon, reward=[60.0] * 2, penalty=[-5.0] * 2, lifetime=[lifetime] * 2,
@@ -229,7 +242,7 @@ def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime, limit):
     )  # fmt: skip
     paths = [two_kinds(horizon, lifetime, groups) for groups in product((0, 1), repeat=horizon)]
     foresight = Foresight([1.0], [0.5, 0.5])
-    hybrid = np.mean([penalized(day, ZeroSetValue(), foresight, limit=limit).value for day in paths])
+    hybrid = np.mean([penalized(day, ZeroSetValue(), foresight, limit=limit, charged=charged).value for day in paths])
     exact = np.mean([penalized(day, ZeroSetValue(), foresight).value for day in paths])
     assert hybrid >= exact - 1e-9 >= exact_value(model).value - 2e-9
 

@@ -1,0 +1,196 @@
+"""``optkit certify``: how far policies are from optimal, with proof."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from optkit.cli.console import open_source, progress_bar
+from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.cli.output import check_file, write_rows
+from optkit.errors import InputError
+
+if TYPE_CHECKING:
+    from optkit.charging import Charging
+    from optkit.instance import Instance
+    from optkit.scenarios import Scenario, Split
+    from optkit.simulator import Policy
+
+NAMED = ("myopic", "linear", "kernel", "charging")
+
+
+def certify(
+    source: Annotated[str, typer.Argument(help="A scenario (I.1, I.2, I.3, II, nyc-weak, nyc-strong) or a folder.")],
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="myopic, linear, kernel, a file of optkit train, or charging: the policy of the value function that "
+            "the penalised bound charges with; repeatable. Myopic and linear by default."
+        ),
+    ] = None,
+    seed: Seed = 0,
+    trips: Trips = None,
+    mode: Mode = None,
+    fraction: Fraction = None,
+    settings: Setting = None,
+    instances: Annotated[
+        int | None,
+        typer.Option(min=2, help="Test instances to use, all by default; a scenario draws more than its split has."),
+    ] = None,
+    kinds: Annotated[
+        str | None, typer.Option(help="Bounds, by commas: full, lagrangian, arrival, penalised. All that can be.")
+    ] = None,
+    worker_rate: Annotated[
+        float | None,
+        typer.Option(help="Folders of your own: mean number of workers who join a step (Poisson), if you know it."),
+    ] = None,
+    group_share: Annotated[
+        str | None, typer.Option(help="With --worker-rate and several groups: their probabilities, e.g. 0.3,0.7.")
+    ] = None,
+    limit: Annotated[int, typer.Option(min=0, help="Waiting requests told apart; work doubles with each.")] = 12,
+    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 for one per core.")] = 1,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="File that keeps finished instances; a rerun goes on.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Also write a row per instance to this .csv or .parquet file.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Also draw bounds and policies to this .png or .pdf file.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say, with proof, how far policies are at most from the best that any policy can earn.
+
+    Policies are trained on the training instances and measured on the test instances, where every bound's certificate
+    is checked. The penalised bound needs to know the process: a scenario does, and so does a folder that optkit
+    generate wrote; of your own, give --worker-rate. What was assumed is said.
+    """
+    from optkit.gap import chosen_kinds, gap_report
+    from optkit.plain import to_json
+    from optkit.plots import figure_bytes
+
+    if out is not None:
+        check_file(out, ".csv", ".parquet")
+    if plot is not None:
+        check_file(plot, ".png", ".pdf")
+    wanted = policy or ["myopic", "linear"]
+    _check_policies(wanted)
+    shares = _shares(group_share)
+    chosen = None if kinds is None else chosen_kinds([kind.strip() for kind in kinds.split(",")])
+    opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
+    more: dict[str, Any] = {"limit": limit, "n_jobs": jobs, "checkpoint": checkpoint, "seed": seed}
+    if chosen is not None:
+        more["kinds"] = chosen
+    with progress_bar(quiet or as_json) as tell:
+        charge = chosen is None or "penalised" in chosen
+        split, tested, charging = _prepare(opened, instances, worker_rate, shares, charge, tell)
+        if charging is None and chosen is not None and charge:
+            raise InputError(f"--kinds penalised: nothing tells how workers come in {source}: give --worker-rate")
+        if charging is not None:
+            more |= {"value": charging.value, "foresight": charging.foresight, "assumptions": charging.assumptions}
+        named = _policies(wanted, split, charging, tell)
+        report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
+    if out is not None:
+        write_rows(report.rows, out)
+    if plot is not None:
+        plot.write_bytes(figure_bytes(report.plot(), plot.suffix[1:]))
+    if as_json:
+        typer.echo(to_json({"source": source, **report.to_dict()}))
+    else:
+        typer.echo(f"{source}: {len(report.rows)} test instances")
+        typer.echo(report.summary())
+    if report.failures:
+        raise typer.Exit(1)
+
+
+def _prepare(
+    opened: Scenario | Path,
+    count: int | None,
+    worker_rate: float | None,
+    shares: list[float] | None,
+    charge: bool,
+    tell: Callable[[str, int, int], object],
+) -> tuple[Split, list[Instance], Charging | None]:
+    """Return instances to train on and to measure on, and what a penalised bound needs, if one is possible."""
+    from optkit.charging import held_out, scenario_charging, scenario_of, worker_charging, worker_settings
+    from optkit.splits import read_split
+
+    if shares is not None and worker_rate is None:
+        raise InputError("--group-share goes with --worker-rate")
+    if isinstance(opened, Path):
+        split, origin = read_split(opened)
+        if not split.test:
+            raise InputError(f"{opened} has no test instances to measure on")
+        tested, told = split.test, origin["sets"].get("test", origin["sets"].get("set"))["scenario"]
+        if count is not None and count > len(tested):
+            raise InputError(f"--instances {count}: {opened} has {len(tested)} test instances")
+        tested, source, known = tested[:count], scenario_of(told), worker_settings(told)
+        if source is None and known is not None and worker_rate is None:  # drawn from trips: its workers are known
+            worker_rate, shares = known.worker_rate, [1.0 / known.groups] * known.groups
+    else:
+        if worker_rate is not None:
+            raise InputError("--worker-rate goes with a folder: a scenario knows its own")
+        split, tested, source = opened.split(), held_out(opened, count), opened
+    if not charge or (worker_rate is None and source is None):
+        return split, tested, None
+    tell("charging", 0, 1)
+    if worker_rate is not None:
+        charging = worker_charging(split.train, worker_rate, shares)
+    else:
+        assert source is not None
+        charging = scenario_charging(source)
+        if isinstance(opened, Path):
+            drawn = f"instances: drawn from {source.name}, world {source.seed}, as scenario.json says"
+            charging = replace(charging, assumptions=(drawn, *charging.assumptions))
+    tell("charging", 1, 1)
+    return split, tested, charging
+
+
+def _shares(text: str | None) -> list[float] | None:
+    try:
+        return None if text is None else [float(number) for number in text.split(",")]
+    except ValueError:
+        raise InputError(f"--group-share {text} is not of the form 0.3,0.7: numbers, one for each group") from None
+
+
+def _check_policies(wanted: list[str]) -> None:
+    """Refuse, before any work, a policy that is no name and no file, or comes twice."""
+    from optkit.trained import Trained
+
+    for name in wanted:
+        if name.endswith(".json"):
+            Trained.load(name)
+        elif name not in NAMED:
+            raise InputError(f"--policy {name}: take {', '.join(NAMED)}, or a .json file that optkit train wrote")
+    stems = [Path(name).stem if name.endswith(".json") else name for name in wanted]
+    for name in stems:
+        if stems.count(name) > 1:
+            raise InputError(f"two of the policies are called {name}: rename a file")
+
+
+def _policies(
+    wanted: list[str], split: Split, charging: Charging | None, tell: Callable[[str, int, int], object]
+) -> dict[str, Policy]:
+    from optkit.policies import PostDecisionPricing
+    from optkit.trained import Trained
+    from optkit.training import train
+
+    found: dict[str, Policy] = {}
+    for number, name in enumerate(wanted):
+        tell("policies", number, len(wanted))
+        if name == "myopic":
+            found[name] = PostDecisionPricing()
+        elif name == "charging":
+            if charging is None:
+                raise InputError("--policy charging: there is no penalised bound here to charge for")
+            found[name] = charging.policy
+        elif name in NAMED:
+            found[name] = train(split, name, choice="true").policy
+        else:
+            found[Path(name).stem] = Trained.load(name).policy
+    tell("policies", len(wanted), len(wanted))
+    return found
