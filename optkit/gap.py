@@ -47,7 +47,7 @@ class GapReport:
     ----------
     bounds : DataFrame
         One row per bound, loosest first: ``kind``; its mean in ``money`` an instance and ``money_half_width``, without
-        the luck of these arrivals as far as the first policy's charges tell it; ``points`` of full information on these
+        the luck of these arrivals as far as the best policy's charges tell it; ``points`` of full information on these
         instances (100 is the full-information bound, 0 what is earned if all requests expire) and ``half_width``; mean
         ``seconds`` an instance; the largest ``certificate_gap`` and ``residual`` of all certificates (money);
         ``methods``.

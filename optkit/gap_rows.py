@@ -20,7 +20,7 @@ from optkit.bounds import Bound, arrival_information, full_information
 from optkit.bounds.bound import prove
 from optkit.bounds.charges import Charges
 from optkit.bounds.foresight import Foresight
-from optkit.bounds.lattice_policy import policy_value
+from optkit.bounds.lattice_policy import Offer, policy_value
 from optkit.bounds.penalized import PenalizedCertificate, idle_steps, penalized, penalized_program
 from optkit.bounds.subsets import SubsetProgram, lattice_bits, stages
 from optkit.errors import SolverError
@@ -135,7 +135,7 @@ def gap_row(task: GapTask) -> dict[str, Any]:
     policies = {}
     for name, policy in task.policies.items():
         policies[name] = _evaluate(task, instance, policy, charged)
-        _must_hold(task.number, name, policies[name], bounds, charged)
+        _must_hold(task.number, name, policies[name], bounds)
     return {**row, "bounds": bounds, "policies": policies}
 
 
@@ -182,9 +182,9 @@ class _Charged:
 def _evaluate(task: GapTask, instance: Instance, policy: Policy, charged: _Charged | None) -> dict[str, Any]:
     """Mean reward of a policy over the noise, and its charge, money; and whether they are exact."""
     if charged is not None and charged.tracked.all():
-        offer = lattice_offers(instance, policy)
+        offer, again = _asked_once(lattice_offers(instance, policy))
         reward = policy_value(charged.program, offer)
-        paid = policy_value(charged.program, offer, charged.charges) - charged.charges.idle(idle_steps(charged.program))
+        paid = policy_value(charged.program, again, charged.charges) - charged.charges.idle(idle_steps(charged.program))
         return {"reward": reward, "charge": reward - paid, "exact": True}
     if charged is None and lattice_bits(instance).max(initial=0) <= task.limit:
         everything = np.ones(instance.n_requests, bool)
@@ -203,9 +203,21 @@ def _evaluate(task: GapTask, instance: Instance, policy: Policy, charged: _Charg
     return {"reward": float(outcome.reward.mean()), "charge": charge, "exact": False}
 
 
-def _must_hold(
-    number: int, name: str, policy: Mapping[str, Any], bounds: Mapping[str, Any], charged: _Charged | None
-) -> None:
+def _asked_once(offer: Offer) -> tuple[Offer, Offer]:
+    """Return offers for two inductions over the same program, the second with what the first was told."""
+    told: list[Floats] = []
+
+    def first(step: int, worker: int, requests: Ints, open_: Bools) -> Floats:
+        told.append(offer(step, worker, requests, open_))
+        return told[-1]
+
+    def second(step: int, worker: int, requests: Ints, open_: Bools) -> Floats:
+        return told.pop(0)
+
+    return first, second
+
+
+def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mapping[str, Any]) -> None:
     """Raise a SolverError if an exact value exceeds a bound that holds on every path."""
     if not policy["exact"]:
         return

@@ -81,7 +81,7 @@ def gap_tables(
     kept : mapping from instance to row
         From :func:`optkit.gap_rows.gap_row`, without failures.
     names, kinds : sequence of str
-        Policies, the first of which corrects money for luck, and bounds.
+        Policies and bounds. What the best policy was charged tells the luck of the arrivals.
     confidence : float
         Of all intervals and claims.
     """
@@ -93,7 +93,9 @@ def gap_tables(
         return np.array([row[part][name][entry] for row in rows], dtype=float)
 
     penalty = np.array([row["penalty"] for row in rows])
-    luck = column("policies", names[0], "charge")
+    charges = {name: column("policies", name, "charge") for name in names}
+    best = max(names, key=lambda name: float((column("policies", name, "reward") - charges[name]).mean()))
+    luck = charges[best]
     worth = column("bounds", "full", "value") - penalty
 
     def level(value: Floats, charge: Floats) -> dict[str, float]:
@@ -118,7 +120,7 @@ def gap_tables(
         bounds.append({"kind": kind, **level(value, luck), "seconds": cost, **worst, "methods": ", ".join(methods)})
         table[f"bound: {kind}"] = column("bounds", kind, "value")
     for name in names:
-        reward, charge = column("policies", name, "reward"), column("policies", name, "charge")
+        reward, charge = column("policies", name, "reward"), charges[name]
         exact = column("policies", name, "exact") > 0
         paid = _mean(charge, confidence)
         more = {"charge": paid.mean, "charge_half_width": paid.high - paid.mean, "exact": int(exact.sum())}

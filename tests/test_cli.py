@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optkit.bounds import full_information
+from optkit.bounds import arrival_information, full_information
 from optkit.scenarios import scenario
 from optkit.storage import load_instances, read_description, save_instances
 
@@ -126,6 +126,43 @@ def test_bound_reports_a_solver_that_gave_up(small):
     assert all(row["bound"] is None and "time limit" in row["error"] for row in rows)
 
 
+def test_bound_kinds_agree_with_the_library(tmp_path):
+    """Bounds of arrivals are those of the library, and the penalised one is a mean below them."""
+    source = scenario("I.2", seed=3, horizon=15)
+    few = ["--set", "horizon=15", "--count", 6, "--sample-seed", 5]
+    optkit("generate", "I.2", "--seed", 3, *few, "--out", tmp_path / "set", check=0)
+    days = source.sample(6, 5)
+    for method in ("exact", "lagrangian"):
+        done = optkit("bound", tmp_path / "set", "--kind", "arrival", "--method", method, "--json", check=0)
+        found = [row["bound"] for row in json.loads(done.stdout)["bounds"]]
+        assert found == pytest.approx([arrival_information(day, method).value for day in days], rel=1e-12)
+    rows = tmp_path / "rows.csv"
+    done = optkit("bound", tmp_path / "set", "--kind", "penalised", "--out", rows, check=0)
+    assert "only the mean is a bound" in done.stdout
+    assert (pd.read_csv(rows)["gap"].abs() < 1e-6).all()
+
+
+def test_bound_goes_on_from_its_checkpoint(small, tmp_path):
+    """Bounds that were kept are not worked out again; what failed is; other options have a file of their own."""
+    asked = ["bound", small / "test", "--checkpoint", tmp_path / "kept", "--json"]
+    first = json.loads(optkit(*asked, check=0).stdout)
+    file = next((tmp_path / "kept").iterdir())
+    head, *lines = file.read_text().splitlines()
+    kept = json.loads(lines[0])
+    kept["row"]["bound"] = 12.5  # a mark
+    file.write_text("\n".join([head, json.dumps(kept)]) + "\n")
+    again = json.loads(optkit(*asked, check=0).stdout)
+    marked = kept["number"]
+    assert again["bounds"][marked]["bound"] == 12.5
+    others = [i for i in range(len(first["bounds"])) if i != marked]
+    assert [again["bounds"][i]["bound"] for i in others] == [first["bounds"][i]["bound"] for i in others]
+    failing = [*asked, "--method", "milp", "--time-limit", 1e-9]
+    optkit(*failing, check=1)
+    optkit(*failing, check=1)
+    optkit(*asked, "--method", "lp", check=0)
+    assert len(list((tmp_path / "kept").iterdir())) == 3
+
+
 def test_price_prints_prices_and_certificates(requests_csv):
     """optkit price gives optimal prices with their certificate, and exposes a proposal that is not optimal."""
     done = optkit("price", requests_csv, "--solver", "CLARABEL", check=0)
@@ -178,6 +215,10 @@ def test_forms_of_price_order_as_they_must(requests_csv):
         (["bound", "absent"], "absent"),
         (["bound", "absent", "--jobs", "-2"], "--jobs"),
         (["bound", "absent", "--out", "x.txt"], ".csv or .parquet"),
+        (["bound", "absent", "--kind", "best"], "--kind best"),
+        (["bound", "absent", "--kind", "arrival", "--method", "lp"], "--method lp"),
+        (["bound", "absent", "--kind", "penalised", "--method", "lp"], "there is but one"),
+        (["bound", "absent", "--kind", "arrival", "--time-limit", "3"], "--time-limit"),
         (["price", "absent.csv"], "absent.csv"),
         (["price", "absent.csv", "--form", "best"], "--form"),
     ],
@@ -292,7 +333,7 @@ def test_interruption_is_said_and_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "generate", "bound", "price"])
+@pytest.mark.parametrize("verb", ["run", "generate", "bound", "price", "certify"])
 def test_every_verb_has_help(verb):
     """--help explains every verb."""
     assert "Usage" in optkit(verb, "--help", check=0).stdout

@@ -26,7 +26,7 @@ def trained(days):
     """A small policy with each form of value function and choice."""
     forms = {
         "linear": ("I.1", "linear", "true"),
-        "linear learned": ("II", "linear", "learned"),
+        "linear learned": ("II", LinearValue(by_group=True), "learned"),
         "linear busy": ("I.1", LinearValue(busy_knots=(0.0, 4.0)), "true"),
         "kernel": ("I.1", "kernel", "true"),
         "kernel pooled": ("II", KernelValue(landmarks=4), "pooled"),

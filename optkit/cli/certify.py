@@ -51,7 +51,9 @@ def certify(
     group_share: Annotated[
         str | None, typer.Option(help="With --worker-rate and several groups: their probabilities, e.g. 0.3,0.7.")
     ] = None,
-    limit: Annotated[int, typer.Option(min=0, help="Waiting requests told apart; work doubles with each.")] = 12,
+    limit: Annotated[
+        int | None, typer.Option(min=0, help="Waiting requests told apart, 14 by default; work doubles with each.")
+    ] = None,
     jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 for one per core.")] = 1,
     checkpoint: Annotated[
         Path | None, typer.Option(help="File that keeps finished instances; a rerun goes on.")
@@ -82,7 +84,9 @@ def certify(
     shares = _shares(group_share)
     chosen = None if kinds is None else chosen_kinds([kind.strip() for kind in kinds.split(",")])
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
-    more: dict[str, Any] = {"limit": limit, "n_jobs": jobs, "checkpoint": checkpoint, "seed": seed}
+    more: dict[str, Any] = {"n_jobs": jobs, "checkpoint": checkpoint, "seed": seed}
+    if limit is not None:
+        more["limit"] = limit
     if chosen is not None:
         more["kinds"] = chosen
     with progress_bar(quiet or as_json) as tell:

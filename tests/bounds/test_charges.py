@@ -224,23 +224,19 @@ def test_who_has_foresight_pays(world):
 
 
 def test_those_of_the_largest_surplus_are_looked_at():
-    """The others may wait or not, in whatever order they are listed; ties go by number."""
-    source = scenario("II", seed=0, request_rate=1.0)
-    day = source.sample(1, seed=8)[0]
-    reward = day.reward - day.penalty + day.utility.mean(axis=0)
-    step = 25
-    waiting = np.flatnonzero((day.arrival <= step) & (day.expiry > step))
-    day = replace(day, reward=day.reward + np.where(np.isin(np.arange(day.n_requests), waiting[3:]), 50 - reward, 0.0))
-    foresight = Foresight(fifo_presence(0.5), np.full(3, 1 / 3), source.sample(5, seed=9))
-    whole, some = (Charges(day, Made(), foresight, 7, most) for most in (None, 5))
-    assert waiting.size > 6
-    best = np.sort(waiting[np.lexsort((waiting, -np.where(waiting >= waiting[3], 50.0, reward[waiting]).round(9)))[:5]])
-    alone = whole(step, best)
-    for order in (waiting, waiting[::-1]):
-        found = some(step, order)
-        for subset in range(0, 1 << order.size, 7):
-            members = order[np.flatnonzero(subset >> np.arange(order.size) & 1)]
-            assert found[subset] == alone[np.isin(best, members) @ (1 << np.arange(5))]
+    """The others may wait or not, in whatever order they are listed; of three alike the first two are taken."""
+    arrivals = [(0, 1), (0, 0), (0, 1), (0, 0), (0, 0)]  # the second kind has the smaller surplus
+    day = day_of(HORIZON, KINDS, arrivals, [0, 1, -1, 0])
+    day = replace(day, expiry=np.full(5, 3))
+    whole, some = (Charges(day, Made(), small_foresight(), 0, most) for most in (None, 2))
+    best = np.array([1, 3])
+    alone = whole(0, best)
+    assert np.unique(alone.round(9)).size == 3  # they are alike
+    for order in (np.arange(5), np.arange(5)[::-1]):
+        found = some(0, order)
+        for subset in range(32):
+            members = order[np.flatnonzero(subset >> np.arange(5) & 1)]
+            assert found[subset] == alone[np.isin(best, members) @ [1, 2]]
 
 
 @pytest.mark.parametrize("most", [None, 2, 0])
