@@ -24,8 +24,8 @@ LIMIT = 14
 CHARGED = 10
 """Of these, requests that are charged for: 1,024 subsets, each valued with every arrival that is drawn.
 
-On scenario I.3, where mostly more than 12 wait at once, telling 14 apart and charging for 8 leaves three fifths of the
-gap that 10 and 10 leave, in half the time.
+On scenario I.3, where mostly more than 12 wait at once, the gap to a trained policy is 0.75 points of full information
+so, 1.17 with 8 charged for in half the time, and 1.95 with 10 of 10 (40 instances; half-widths 0.2, 0.3 and 0.4).
 """
 
 
@@ -98,8 +98,8 @@ def penalized(
     instance : Instance
         Its noise is not looked at.
     value : SetValue
-        Any post-decision value function; the better it is, the tighter the bound. It must not be fitted to this
-        instance.
+        Any post-decision value function; the better it is, the tighter the bound. It must be fitted neither to this
+        instance nor to the pool of ``foresight``.
     foresight : Foresight
         The distribution that the instance comes from.
     seed : int or SeedSequence
