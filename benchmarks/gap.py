@@ -4,10 +4,10 @@
     python benchmarks/gap.py --trips trips.parquet --scenarios nyc-weak nyc-strong --seeds 0
     python benchmarks/gap.py --quick                                8 instances each of world 0
 
-Points are per cent of full information, ratios of means over the instances; gaps are to the best policy of three:
-myopic, linear (trained on the split's 480 instances) and the one of the value function that the penalised bound charges
-with (trained on 1,500 or more others). All know the workers' true preferences. Rows are kept as they come in --cells,
-so that a run that was stopped goes on. Prints a table and keeps it.
+Points are per cent of full information, ratios of means over the instances; gaps are to the best policy of three, which
+know the workers' true preferences: myopic, linear (trained on the split's training instances), and that of the value
+function that the penalised bound charges with (75,000 requests of other instances, with trips of the same half-hours).
+Rows are kept as they come in --cells, so that a run that was stopped goes on. Prints a table and keeps it.
 """
 
 from __future__ import annotations

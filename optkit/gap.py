@@ -230,10 +230,14 @@ def gap_report(
         instances = list(source)
     chosen = _checked(instances, policies, value, foresight, kinds, limit, redraws, confidence, seed)
     jobs = check_jobs(n_jobs)
-    shared = {"policies": dict(policies), "kinds": chosen, "value": value, "foresight": foresight}
+    shared = {"policies": dict(policies), "kinds": chosen, "value": value}
     sizes = {"limit": limit, "redraws": redraws, "seed": seed}
-    tasks = [GapTask(number=i, instance=one, **shared, **sizes) for i, one in enumerate(instances)]  # type: ignore[arg-type]
-    key = "" if checkpoint is None else _key(tasks)
+    hands = [None] * len(instances) if foresight is None else foresight.dealt(len(instances))
+    tasks = [
+        GapTask(number=i, instance=one, foresight=hand, **shared, **sizes)  # type: ignore[arg-type]
+        for i, (one, hand) in enumerate(zip(instances, hands, strict=True))
+    ]
+    key = "" if checkpoint is None else _key(tasks, foresight)
     log = RowLog(checkpoint, key)
     missing = log.missing(range(len(tasks)))
     if progress is not None:
@@ -309,7 +313,7 @@ def _checked(
     return chosen
 
 
-def _key(tasks: Sequence[GapTask]) -> str:
+def _key(tasks: Sequence[GapTask], foresight: Foresight | None) -> str:
     """Return a digest of what a report consists of: policies and value function by what they do on the instances."""
     first = tasks[0]
     days = [
@@ -320,9 +324,9 @@ def _key(tasks: Sequence[GapTask]) -> str:
     acts: dict[str, Policy] = dict(first.policies)
     plain: list[Any] = [__version__, list(acts), first.kinds, first.limit, first.redraws, first.seed]
     seals = [_digest(days)]
-    if first.value is not None and first.foresight is not None:
+    if first.value is not None and foresight is not None:
         acts["value of the charges"] = PostDecisionPricing(value_function=BelievedValue(first.value))
-        f = first.foresight
+        f = foresight
         weight = None if f.weight is None else f.weight.tolist()
         plain += [f.presence.tolist(), f.share.tolist(), f.nothing, f.draws, weight]
         seals.append(_digest(f.arrivals))

@@ -17,7 +17,7 @@ from optkit.charging import (
 )
 from optkit.errors import InputError
 from optkit.models.value import LinearValue
-from optkit.nyc import trip_scenario
+from optkit.nyc import TripScenario, trip_scenario
 from optkit.trips import Trips
 
 SMALL = scenario("I.2", seed=3, split=(30, 5, 5), horizon=15)
@@ -51,11 +51,20 @@ def test_the_process_is_the_scenario_s():
     assert any("0.4 a step" in told for told in made.assumptions)
 
 
-def test_with_trips_only_workers_are_charged_for(weeks):
+def test_with_trips_only_workers_are_charged_for(weeks, monkeypatch):
     """Weeks differ, so that nothing is assumed of requests; the value function saw the training episodes alone."""
-    made = scenario_charging(weeks, estimator=LinearValue())
+    drawn, realise = [], TripScenario.instance
+
+    def noted(self, seed, episode):
+        drawn.append(episode)
+        return realise(self, seed, episode)
+
+    monkeypatch.setattr(TripScenario, "instance", noted)
+    made = scenario_charging(weeks, training=10, estimator=LinearValue())
     assert made.foresight.arrivals == ()
-    assert any("4 training instances" in told for told in made.assumptions)
+    assert any("10 realisations of the split's 4 training half-hours" in told for told in made.assumptions)
+    order = weeks.order(7, np.random.SeedSequence(0, spawn_key=(1,)))
+    assert drawn[-10:] == [order[i % 4] for i in range(10)]
 
 
 def test_groups_need_their_shares():

@@ -7,7 +7,7 @@ expectation to everybody else, so the distribution here must be the one that the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,9 @@ import numpy.typing as npt
 from optkit.errors import InputError
 from optkit.instance import Floats, Instance, Ints
 from optkit.models.request_sets import Requests
+
+HAND = 60
+"""Instances of the pool that suffice one instance: at 0.3 requests a step, one step without any is one in 10^8."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,7 @@ class Foresight:
         Instances drawn from the same distribution, independent of those to be bounded and of those that the value
         function was fitted to: what arrives in them at a step stands for what might have arrived. Empty: arrivals are
         not charged for, which is always valid. A pool that many instances share gives all of them the same error,
-        which their standard error does not show: it should be many times as large as they are.
+        which their standard error does not show: :meth:`dealt` gives each its own.
     nothing : float or None
         Probability that no request arrives in a step, if known: it spares drawing that case.
     weight : (len(arrivals),) float or None
@@ -74,6 +77,32 @@ class Foresight:
             if np.shape(self.weight) != (len(pool),):
                 raise InputError(f"weight has {np.size(self.weight)} entries for {len(pool)} instances in the pool")
             _adds_up("weight", self.weight)
+
+    def dealt(self, count: int) -> list[Foresight]:
+        """Deal the pool out to some instances, so that they share none of it and their errors are independent.
+
+        Where that would leave fewer than :data:`HAND` for each, or the pool is all that can be, everyone has it whole.
+
+        Parameters
+        ----------
+        count : int
+            Number of instances to be bounded.
+
+        Returns
+        -------
+        list of Foresight
+
+        Examples
+        --------
+        >>> from optkit import scenario
+        >>> others = Foresight(fifo_presence(0.5), [1.0], scenario("I.2", seed=0).sample(180, seed=1))
+        >>> [len(one.arrivals) for one in others.dealt(3)], len(others.dealt(4)[0].arrivals)
+        ([60, 60, 60], 180)
+        """
+        size = len(self.arrivals) // max(count, 1)
+        if size < HAND or self.weight is not None:
+            return [self] * count
+        return [replace(self, arrivals=self.arrivals[i * size : (i + 1) * size]) for i in range(count)]
 
     def of_workers(self, instance: Instance) -> Outlook:
         """Say how likely a worker was at each step of an instance, given what had been seen before.
@@ -135,7 +164,11 @@ CERTAIN = 40.0
 """Workers who join in a step, in the mean, beyond which one is there for sure: exp(-40) is less than rounding."""
 
 
-def fifo_presence(rate: float, longest: int = 250) -> Floats:
+LONGEST = 250
+"""Busy stretch that is told apart from longer ones."""
+
+
+def fifo_presence(rate: float, longest: int = LONGEST) -> Floats:
     """Probability of a worker after k steps in a row that saw one, (longest + 1,), if Poisson(rate) join the queue.
 
     Workers queue first-in first-out and one is seen a step (paper section 2.2). A step without a worker shows that the

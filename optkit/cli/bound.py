@@ -17,8 +17,10 @@ from optkit.cli.output import check_file, write_rows
 from optkit.errors import InputError, InstanceError, SolverError
 
 if TYPE_CHECKING:
+    from optkit.bounds.foresight import Foresight
     from optkit.charging import Charging
     from optkit.instance import Instance
+    from optkit.models.request_sets import SetValue
 
 METHODS: dict[str, tuple[str, ...]] = {
     "full": ("assignment", "lp", "milp"),
@@ -84,8 +86,11 @@ def bound(
     found = dict(log.rows)
     with progress_bar(quiet or as_json) as tell:
         charging = _charging(folder, description["scenario"]) if kind == "penalised" and missing else None
-        solve = partial(_bound_one, kind=kind, method=method, time_limit=time_limit, charging=charging)
-        for position, row in in_parallel(solve, [(i, instances[i]) for i in missing], jobs):
+        hands = None if charging is None else charging.foresight.dealt(len(instances))
+        tasks = [(i, instances[i], None if hands is None else hands[i]) for i in missing]
+        value = None if charging is None else charging.value
+        solve = partial(_bound_one, kind=kind, method=method, time_limit=time_limit, value=value)
+        for position, row in in_parallel(solve, tasks, jobs):
             if row["error"] is None:  # what failed is tried again
                 log.add(missing[position], row)
             found[missing[position]] = row
@@ -128,7 +133,11 @@ def _charging(folder: Path, description: dict[str, Any]) -> Charging:
 
 
 def _bound_one(
-    numbered: tuple[int, Instance], kind: str, method: str | None, time_limit: float | None, charging: Charging | None
+    task: tuple[int, Instance, Foresight | None],
+    kind: str,
+    method: str | None,
+    time_limit: float | None,
+    value: SetValue | None,
 ) -> dict[str, Any]:
     import numpy as np
 
@@ -136,13 +145,13 @@ def _bound_one(
     from optkit.bounds.bound import prove
     from optkit.gap_rows import CHARGE_STREAM
 
-    number, instance = numbered
+    number, instance, foresight = task
     base = {"requests": instance.n_requests, "workers": instance.n_workers, "penalty": float(instance.penalty.sum())}
     nothing = {"bound": None, "gap": None, "method": method, "seconds": None}
     try:
-        if charging is not None:
+        if value is not None and foresight is not None:
             seed = np.random.SeedSequence(0, spawn_key=(CHARGE_STREAM, number))
-            found = penalized(instance, charging.value, charging.foresight, seed=seed)
+            found = penalized(instance, value, foresight, seed=seed)
         elif kind == "arrival":
             found = arrival_information(instance, method)  # type: ignore[arg-type]
         else:

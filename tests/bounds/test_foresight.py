@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optkit import Instance, scenario
-from optkit.bounds.foresight import CERTAIN, Foresight, fifo_presence, join_requests, surroundings
+from optkit.bounds.foresight import CERTAIN, HAND, Foresight, fifo_presence, join_requests, surroundings
 from optkit.errors import InputError
 from optkit.instance import fifo_queue
 
@@ -240,3 +240,16 @@ def test_a_pool_without_arrivals_cannot_say_what_arrives():
         surroundings(DAY, Foresight([0.5], THIRDS, [quiet], 0.9), rng)
     found = surroundings(DAY, Foresight([0.5], THIRDS, [quiet], 1.0), rng)
     assert all((rows < 0).all() and p.tolist() == [1.0] for rows, p in zip(found.drawn, found.weight, strict=True))
+
+
+def test_instances_share_nothing_of_a_pool_that_is_large_enough():
+    """Independent errors: no instance of the pool stands for the arrivals of two; too small a pool stays whole."""
+    large = Foresight([0.5], [1.0], [POOL[i % len(POOL)] for i in range(2 * HAND + 1)], draws=3)
+    hands = large.dealt(2)
+    assert [len(hand.arrivals) for hand in hands] == [HAND, HAND]
+    assert all(hand.draws == 3 for hand in hands)
+    assert [one for hand in hands for one in hand.arrivals] == list(large.arrivals[: 2 * HAND])
+    assert large.dealt(3) == [large] * 3
+    every = Foresight([0.5], [1.0], POOL[:2], weight=[0.4, 0.6])
+    assert every.dealt(1) == [every]
+    assert every.dealt(0) == []
