@@ -20,9 +20,10 @@ from optkit.bounds import Bound, arrival_information, full_information
 from optkit.bounds.bound import prove
 from optkit.bounds.charges import Charges
 from optkit.bounds.foresight import Foresight
+from optkit.bounds.lattice import lattice_bits, stages
 from optkit.bounds.lattice_policy import Offer, policy_value
 from optkit.bounds.penalized import PenalizedCertificate, idle_steps, penalized, penalized_program
-from optkit.bounds.subsets import SubsetProgram, lattice_bits, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import SolverError
 from optkit.instance import Floats, Instance, Ints
 from optkit.lattice_offers import lattice_offers

@@ -1,6 +1,7 @@
 """optkit certify, called as a user calls it."""
 
 import json
+import re
 import signal
 import sys
 
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 
 from optkit.cli import main
+from optkit.gap import gap_report
 from optkit.plain import to_json
 from optkit.scenarios import scenario
 from optkit.storage import save_instances
@@ -106,6 +108,51 @@ def test_a_trained_policy_s_file(certify, own, tmp_path):
     patient, linear = told["policies"]
     assert patient["policy"] == "patient"
     assert patient["money"] == pytest.approx(linear["money"], rel=1e-12)
+
+
+OWN = """
+SHARE = 0.5
+
+def half(state):
+    return SHARE * state.reward
+
+class Third:
+    def __call__(self, state):
+        return state.reward / 3
+
+five = 5
+"""
+
+
+def test_policies_of_ones_own(certify, own, tmp_path):
+    """A folder and a policy that optkit has never seen, in two processes; the numbers are those of gap_report."""
+    (tmp_path / "own.py").write_text(OWN)
+    named = [f"--policy={tmp_path}/own.py:{name}" for name in ("half", "Third")]
+    status, out, _ = certify(own, *named, "--json", "--jobs", 2)
+    found = {row["policy"]: row["money"] for row in strict(out)["policies"]}
+    assert status == 0
+    days = scenario("I.2", seed=0, **SETTINGS).split().test
+    report = gap_report(days, {"half": lambda state: 0.5 * state.reward, "Third": lambda state: state.reward / 3})
+    assert found == dict(zip(report.policies["policy"], report.policies["money"], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("code", "name", "message"),
+    [
+        (OWN, "gone", "defines no policy gone"),
+        (OWN, "five", "defines no policy five"),
+        ("1 / 0", "half", r"failed \(ZeroDivisionError: division by zero\)"),
+        ("def (", "half", "SyntaxError"),
+    ],
+)
+def test_a_policy_that_cannot_be_had_is_said(certify, own, tmp_path, code, name, message):
+    (tmp_path / "own.py").write_text(code)
+    status, _, err = certify(own, "--policy", f"{tmp_path}/own.py:{name}")
+    assert status == 2
+    assert re.search(message, err)
+    assert certify(own, "--policy", f"{tmp_path}/none.py:half")[2].endswith(
+        "there is no file " + f"{tmp_path}/none.py\n"
+    )
 
 
 def test_text_and_more_instances(certify):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from optkit import scenario, simulate
+from optkit.bounds.lattice import stages
 from optkit.bounds.lattice_policy import policy_value
-from optkit.bounds.subsets import SubsetProgram, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import PolicyError
 from optkit.lattice_offers import lattice_offers
 from optkit.policies import PostDecisionPricing

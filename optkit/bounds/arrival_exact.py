@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
-from optkit.bounds.subsets import Bools, SubsetProgram, lattice_bits, stages
+from optkit.bounds.lattice import Bools, lattice_bits, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import InputError, SolverError
 from optkit.instance import Floats, Instance
 

@@ -17,7 +17,7 @@ from optkit.bounds.arrival_exact import (
     solve_subsets,
 )
 from optkit.bounds.bound import Bound
-from optkit.bounds.subsets import Bools, lattice_bits
+from optkit.bounds.lattice import Bools, lattice_bits
 from optkit.errors import InputError
 from optkit.instance import Floats, Instance, Ints
 
@@ -124,8 +124,8 @@ def arrival_hybrid(
         Largest number of tracked requests that are uncertain at a worker. Requests are taken in decreasing order of
         their multipliers, as long as they fit.
     multipliers : (n,) float, optional
-        l >= 0, in money; those of the Lagrangian dual by default. Tuning them again for the others gained less than a
-        twentieth of the remaining gap on I.3, and tracking a request in a part of its window little more.
+        l >= 0, in money; those of the Lagrangian dual by default. Tuning them again for the others gained a tenth of
+        the remaining gap on I.3 at most, and tracking a request in a part of its window a quarter at most.
     nonnegative : bool
         Whether the compensations of tracked requests must be at least 0.
 

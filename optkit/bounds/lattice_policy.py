@@ -45,7 +45,7 @@ def policy_value(program: SubsetProgram, offer: Offer, charge: Charge | None = N
     Examples
     --------
     >>> from optkit import scenario
-    >>> from optkit.bounds.subsets import stages
+    >>> from optkit.bounds.lattice import stages
     >>> day = scenario("I.2", seed=0).sample(1, seed=1)[0]
     >>> program = SubsetProgram(day, stages(day), np.zeros(day.n_requests), np.ones(day.n_requests, bool))
     >>> half = policy_value(program, lambda step, worker, requests, open_: 0.5 * day.reward[requests] * open_)

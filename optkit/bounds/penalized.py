@@ -11,7 +11,8 @@ from optkit.bounds.arrival_exact import check_limit, checked_multipliers
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
 from optkit.bounds.charges import Charges
 from optkit.bounds.foresight import Foresight, join_requests
-from optkit.bounds.subsets import SubsetProgram, stages
+from optkit.bounds.lattice import stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import InputError
 from optkit.instance import Floats, Instance, Ints
 from optkit.models.request_sets import Bools, SetValue

@@ -12,6 +12,7 @@ import typer
 from optkit.cli.console import open_source, progress_bar
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file, write_rows
+from optkit.cli.own import own_policy
 from optkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,8 +29,9 @@ def certify(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help="myopic, linear, kernel, a file of optkit train, or charging: the policy of the value function that "
-            "the penalised bound charges with; repeatable. Myopic and linear by default."
+            help="myopic, linear, kernel, a file of optkit train, own.py:NAME for a policy of your own, or charging: "
+            "the policy of the value function that the penalised bound charges with; repeatable. Myopic and linear "
+            "by default."
         ),
     ] = None,
     seed: Seed = 0,
@@ -168,12 +170,21 @@ def _check_policies(wanted: list[str]) -> None:
     for name in wanted:
         if name.endswith(".json"):
             Trained.load(name)
+        elif ".py:" in name:
+            own_policy(name)
         elif name not in NAMED:
-            raise InputError(f"--policy {name}: take {', '.join(NAMED)}, or a .json file that optkit train wrote")
-    stems = [Path(name).stem if name.endswith(".json") else name for name in wanted]
-    for name in stems:
-        if stems.count(name) > 1:
-            raise InputError(f"two of the policies are called {name}: rename a file")
+            raise InputError(
+                f"--policy {name}: take {', '.join(NAMED)}, a .json file that optkit train wrote, or own.py:NAME"
+            )
+    called = [_called(name) for name in wanted]
+    for name in called:
+        if called.count(name) > 1:
+            raise InputError(f"two of the policies are called {name}: rename one")
+
+
+def _called(name: str) -> str:
+    """Name of a policy in the report: of a file without its folder and ending, of one's own without its file."""
+    return name.rpartition(".py:")[2] if ".py:" in name else Path(name).stem if name.endswith(".json") else name
 
 
 def _policies(
@@ -194,7 +205,9 @@ def _policies(
             found[name] = charging.policy
         elif name in NAMED:
             found[name] = train(split, name, choice="true").policy
+        elif ".py:" in name:
+            found[_called(name)] = own_policy(name)
         else:
-            found[Path(name).stem] = Trained.load(name).policy
+            found[_called(name)] = Trained.load(name).policy
     tell("policies", len(wanted), len(wanted))
     return found

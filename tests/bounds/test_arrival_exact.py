@@ -11,7 +11,8 @@ from optkit import simulate
 from optkit.bounds import full_information
 from optkit.bounds.arrival_exact import arrival_exact, arrival_exact_batch
 from optkit.bounds.bound import Bound, prove
-from optkit.bounds.subsets import SubsetProgram, stages
+from optkit.bounds.lattice import stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import InputError, SolverError
 from optkit.instance import Instance
 from optkit.models.pricing import optimal_prices

@@ -14,7 +14,7 @@ from optkit.bounds.arrival_exact import arrival_exact
 from optkit.bounds.arrival_information import arrival_hybrid, arrival_information, choose_tracked
 from optkit.bounds.bound import prove
 from optkit.bounds.full_information import full_information
-from optkit.bounds.subsets import lattice_bits
+from optkit.bounds.lattice import lattice_bits
 from optkit.errors import InputError, SolverError
 
 seeds = st.integers(0, 2**32 - 1)

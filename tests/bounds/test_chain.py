@@ -13,10 +13,11 @@ from optkit.bounds.arrival_exact import arrival_exact
 from optkit.bounds.exact_table import ExactTable
 from optkit.bounds.exact_value import ExactSolution, solve_exactly
 from optkit.bounds.foresight import Foresight, join_requests
+from optkit.bounds.lattice import stages
 from optkit.bounds.lattice_policy import policy_value
 from optkit.bounds.penalized import idle_steps, penalized, penalized_program
 from optkit.bounds.small_model import SmallModel
-from optkit.bounds.subsets import SubsetProgram, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.models.pricing import optimal_prices
 from optkit.models.request_sets import RequestSets, ZeroSetValue
 from optkit.training import train

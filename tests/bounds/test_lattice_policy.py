@@ -8,8 +8,9 @@ import pytest
 from optkit import simulate
 from optkit.batch import Batch
 from optkit.bounds import lattice_policy as module
+from optkit.bounds.lattice import stages
 from optkit.bounds.lattice_policy import policy_value
-from optkit.bounds.subsets import SubsetProgram, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import InputError, PolicyError
 from optkit.instance import Instance
 from optkit.models.choice import acceptance_probabilities

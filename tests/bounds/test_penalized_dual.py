@@ -15,10 +15,11 @@ from optkit.bounds.arrival_dual import arrival_dual
 from optkit.bounds.bound import prove
 from optkit.bounds.exact_value import exact_value
 from optkit.bounds.foresight import Foresight, fifo_presence
+from optkit.bounds.lattice import stages
 from optkit.bounds.linear_charges import LinearCharges
 from optkit.bounds.penalized_dual import charged_market, penalized_assignment, penalized_dual
 from optkit.bounds.small_model import SmallModel
-from optkit.bounds.subsets import SubsetProgram, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import InputError, InstanceError, SolverError
 
 seeds = st.integers(0, 2**32 - 1)

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
-from optkit.bounds.subsets import SubsetProgram, lattice_bits, reachable, stages
+from optkit.bounds.lattice import lattice_bits, reachable, stages
+from optkit.bounds.subsets import SubsetProgram
 from optkit.errors import InputError
 
 seeds = st.integers(0, 2**32 - 1)
