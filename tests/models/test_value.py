@@ -291,6 +291,22 @@ def test_the_ridge_draws_to_the_next_step(random_sets):
     assert np.abs(stiff.coef_).max() < 1e-6
 
 
+@pytest.mark.parametrize("memory", [0.4, 1.0])
+def test_memory_weighs_the_data_of_later_steps(random_sets, memory):
+    """The regression of a step also has the rows of the k-th step after it, with weight memory^k (1e-7)."""
+    experience = Drawn(random_sets, urgency)
+    fitted = LinearValue(ridge=3.0, memory=memory).fit(experience)
+    rows = []
+    for step in (2, 1, 0):
+        sets = experience.sets(step)
+        x = np.concatenate([t.differences(sets)[sets.member] for t in fitted.terms_], axis=-1)
+        rows = [(np.sqrt(memory) * a, np.sqrt(memory) * b) for a, b in rows]
+        rows.append((x, (urgency(sets, None) - sets.penalty)[sets.member]))
+        a = np.vstack([*(x for x, _ in rows), np.sqrt(3.0) * np.eye(x.shape[1])])
+        b = np.concatenate([*(y for _, y in rows), np.sqrt(3.0) * fitted.coef_[step + 1]])
+        np.testing.assert_allclose(fitted.coef_[step], np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-7)
+
+
 def test_steps_that_nobody_saw_copy_the_next(random_sets):
     """Where no set was visited, the coefficients are those of the next step."""
     fitted = LinearValue().fit(Drawn(random_sets, urgency, empty=(1,)))
@@ -463,6 +479,8 @@ def test_an_interrupted_fit_leaves_no_trace(random_sets):
         (LinearValue(ridge=np.inf), "ridge = inf"),
         (LinearValue(ridge=np.nan), "ridge = nan"),
         (LinearValue(ridge="much"), "ridge = 'much'"),
+        (LinearValue(memory=1.5), r"memory = 1\.5"),
+        (KernelValue(memory="all"), "memory = 'all'"),
         (LinearValue(surplus_knots=1), "surplus_knots = 1"),
         (LinearValue(surplus_knots=2.5), r"surplus_knots = 2\.5"),
         (LinearValue(time_knots=(3.0, 1.0)), "time_knots"),
