@@ -1,0 +1,264 @@
+"""Working a study's cells out, here or on a cluster, and keeping each as soon as it is there."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from optkit.errors import InputError, OptkitError
+from optkit.parallel import check_jobs
+from optkit.plain import to_json
+from optkit.studies.cells import Cell
+from optkit.studies.policies import POLICIES
+from optkit.studies.store import CellStore, Stored
+from optkit.studies.work import Result, run_cell
+
+RESTARTS = 3
+"""Times that processes which were killed are replaced before the study gives up; what is finished is not lost."""
+
+SECONDS: dict[str, float] = {"bounds": 10.0, "utilities": 1.0, "estimate": 1.5, "perturbed": 2.0, "gap": 120.0}
+"""What a cell takes on one core by kind, measured on I.1: for the plan, and so that the longest begin first."""
+
+POLICY_SECONDS: dict[str | None, float] = {
+    None: 1.0,
+    "linear": 2.0,
+    "kernel": 3.0,
+    "attention": 20.0,
+    "attention-printed": 40.0,
+}
+
+BUSY = {"I.2": 0.6, "I.3": 3.0, "II": 2.0}
+"""How much longer a cell of another scenario takes than one of I.1."""
+
+
+class Outcome(NamedTuple):
+    """What became of one cell."""
+
+    result: Result | None
+    seconds: float
+    error: str | None
+
+
+@dataclass
+class StudyRun:
+    """A study's cells and what is known of them.
+
+    Attributes
+    ----------
+    cells : list of Cell
+    found : dict from key to Stored
+        Finished cells.
+    failed : dict from key to str
+        Why a cell could not be worked out.
+    fresh : int
+        Number of cells that were worked out by this call.
+    """
+
+    cells: Sequence[Cell]
+    found: dict[str, Stored]
+    failed: dict[str, str] = field(default_factory=dict)
+    fresh: int = 0
+
+    @property
+    def missing(self) -> list[Cell]:
+        """Cells without a result."""
+        return [cell for cell in self.cells if cell.key not in self.found]
+
+    def results(self, kind: str, scenario: str | None = None) -> Iterator[tuple[Cell, Result]]:
+        """Yield the finished cells of a kind with their results, in the order of the grid."""
+        for cell in self.cells:
+            fits = cell.kind == kind and scenario in (None, cell.place["scenario"])
+            if fits and cell.key in self.found:
+                yield cell, self.found[cell.key].result
+
+    @property
+    def expected_seconds(self) -> float:
+        """What the missing cells should take on one core."""
+        return sum(expected_seconds(cell) for cell in self.missing)
+
+
+Progress = Callable[[int, int, float], object]
+"""Called with cells done, their number, and the seconds of work that are left, as far as that is known."""
+
+
+def expected_seconds(cell: Cell) -> float:
+    """What a cell should take on one core, in seconds."""
+    if cell.kind == "policy":
+        spec = POLICIES[cell.settings["policy"]]
+        base = 4.0 if spec.rule == "FP" else POLICY_SECONDS[spec.value]
+    else:
+        base = SECONDS[cell.kind]
+    return base * BUSY.get(cell.place["scenario"], 1.0)
+
+
+def load(cells: Sequence[Cell], store: CellStore) -> StudyRun:
+    """Return what is finished of some cells."""
+    found = {cell.key: kept for cell in cells if (kept := store.get(cell)) is not None}
+    return StudyRun(cells, found)
+
+
+def run_cells(
+    cells: Sequence[Cell],
+    store: CellStore,
+    *,
+    trips: tuple[str, ...] = (),
+    jobs: int = 1,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> StudyRun:
+    """Work out the cells that are missing, and keep each as soon as it is there.
+
+    A cell that fails does not stop the others. Results do not depend on the number of processes, on the order in which
+    they come, or on how often the work was interrupted.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+    store : CellStore
+    trips : tuple of str
+        Files of trip records; with ``dask`` on several machines, every one of these must find them there.
+    jobs : int
+        Processes on this machine, 0 for one per core.
+    dask : str, optional
+        Address of a Dask scheduler, like ``tcp://host:8786``, or "local" for a cluster of ``jobs`` workers here; needs
+        ``optkit[dask]``.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the number of processes is negative, or there is no such scheduler.
+    OptkitError
+        If the disk refuses, or processes are killed again and again.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> place = {"scenario": "I.2", "world": 0, "set": {"horizon": 15, "split": [20, 4, 4]}}
+    >>> cells = [Cell("policy", place, {"policy": name, "seed": 0}) for name in ("PP", "Myopic, true MNL")]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     first = run_cells(cells, CellStore(folder))
+    ...     again = run_cells(cells, CellStore(folder))
+    >>> first.fresh, again.fresh, first.missing
+    (2, 0, [])
+    """
+    jobs = check_jobs(jobs)
+    run = load(cells, store)
+    total = len(cells)
+    left = run.expected_seconds
+    # Seconds spent on seconds expected: the machine's own measure, from the cells done so far.
+    spent, expected = 0.0, 0.0
+    if progress is not None:
+        progress(total - len(run.missing), total, left)
+    with _engine(jobs, dask) as engine:
+        for attempt in range(RESTARTS + 1):
+            waiting = sorted(
+                (cell for cell in run.missing if cell.key not in run.failed), key=expected_seconds, reverse=True
+            )
+            try:
+                for cell, outcome in engine(waiting, trips):
+                    left -= expected_seconds(cell)
+                    if outcome.result is None:
+                        run.failed[cell.key] = str(outcome.error)
+                    else:
+                        store.put(cell, outcome.result, outcome.seconds)
+                        run.found[cell.key] = Stored(outcome.result, outcome.seconds)
+                        run.fresh += 1
+                        spent, expected = spent + outcome.seconds, expected + expected_seconds(cell)
+                    if progress is not None:
+                        pace = spent / expected if expected else 1.0
+                        progress(len(run.found) + len(run.failed), total, max(left, 0.0) * pace / jobs)
+                return run
+            except _KilledError as error:
+                if attempt == RESTARTS:
+                    raise OptkitError(
+                        f"{error}: what is finished stays, and the same command goes on from there"
+                    ) from None
+    return run
+
+
+class _KilledError(Exception):
+    """A process that worked a cell out was killed."""
+
+
+_Engine = Callable[[Sequence[Cell], tuple[str, ...]], Iterator[tuple[Cell, Outcome]]]
+
+
+@contextmanager
+def _engine(jobs: int, dask: str | None) -> Iterator[_Engine]:
+    """Yield what works cells out and gives them as they come."""
+    if dask is not None:
+        with _dask(jobs, dask) as engine:
+            yield engine
+    elif jobs == 1:
+        yield _in_this_process
+    else:
+        yield lambda cells, trips: _joblib(cells, trips, jobs)
+
+
+def _in_this_process(cells: Sequence[Cell], trips: tuple[str, ...]) -> Iterator[tuple[Cell, Outcome]]:
+    for cell in cells:
+        yield cell, _attempt(cell, trips)[1]
+
+
+def _joblib(cells: Sequence[Cell], trips: tuple[str, ...], jobs: int) -> Iterator[tuple[Cell, Outcome]]:
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    by_key = {cell.key: cell for cell in cells}
+    # One cell at a time, so that each is kept when it is done and the longest do not end up behind each other.
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+    try:
+        for key, outcome in parallel(delayed(_attempt)(cell, trips) for cell in cells):
+            yield by_key[key], outcome
+    except TerminatedWorkerError:
+        raise _KilledError("a process was killed, perhaps for want of memory (take fewer processes)") from None
+
+
+@contextmanager
+def _dask(jobs: int, address: str) -> Iterator[_Engine]:
+    """Yield an engine on a Dask cluster, which replaces workers that are lost by itself."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError("--dask needs Dask: pip install 'optkit[dask]'") from None
+    from joblib import parallel_config
+
+    cluster: Any = address
+    if address == "local":
+        cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)  # type: ignore[no-untyped-call]
+    try:
+        client = Client(cluster, timeout=10)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise InputError(f"there is no Dask scheduler at {address}: {str(error).splitlines()[0]}") from None
+    try:
+        if not client.scheduler_info()["workers"]:
+            raise InputError(f"the Dask scheduler at {address} has no workers: start some with dask worker {address}")
+
+        def engine(cells: Sequence[Cell], trips: tuple[str, ...]) -> Iterator[tuple[Cell, Outcome]]:
+            with parallel_config("dask", client=client, pure=False):
+                yield from _joblib(cells, trips, -1)
+
+        yield engine
+    finally:
+        client.close()  # type: ignore[no-untyped-call]
+        if address == "local":
+            cluster.close()
+
+
+def _attempt(cell: Cell, trips: tuple[str, ...]) -> tuple[str, Outcome]:
+    """Work a cell out, and say why if that fails. One BLAS thread, so that the last digit is the same everywhere."""
+    from threadpoolctl import threadpool_limits
+
+    started = time.perf_counter()
+    try:
+        with threadpool_limits(1):
+            result = json.loads(to_json(run_cell(cell, trips)))  # as it will be read again
+        return cell.key, Outcome(result, time.perf_counter() - started, None)
+    except Exception as error:  # a failed cell, of whatever cause, must not stop the others
+        told = str(error) if isinstance(error, OptkitError) else f"{type(error).__name__}: {error}"
+        return cell.key, Outcome(None, time.perf_counter() - started, told)
