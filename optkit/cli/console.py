@@ -38,6 +38,40 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
         yield tell
 
 
+@contextmanager
+def study_bar(name: str, quiet: bool) -> Iterator[Callable[[int, int, float], None]]:
+    """Yield a function of cells done, their number and the seconds left, that draws a bar on standard error.
+
+    Where that is no terminal it writes a line now and then, for a log.
+    """
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description:<13}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as bars:
+        task = bars.add_task(name, total=None, left="")
+        said = time.monotonic()
+
+        def tell(done: int, total: int, left: float) -> None:
+            nonlocal said
+            minutes = f"about {left / 60:.0f} min left" if left >= 90 else f"about {left:.0f} s left"
+            bars.update(task, completed=done, total=total, left=minutes if done < total else "")
+            if not quiet and not console.is_terminal and time.monotonic() - said > 30:
+                said = time.monotonic()
+                print(f"{name}: {done} of {total} cells, {minutes}", file=console.file, flush=True)
+
+        yield tell
+
+
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table to standard output: first column to the left, numbers to the right."""
     from rich import box
@@ -78,7 +112,7 @@ def open_source(
     if source.lower().replace("_", "-") in {name.lower() for name in TABLE_1}:
         if more and not trips:
             raise InputError(f"--{next(iter(more))} goes with --trips and a scenario of New York")
-        return scenario(source, seed, trips=list(trips) if trips else None, **more, **_parsed(settings or ()))
+        return scenario(source, seed, trips=list(trips) if trips else None, **more, **parsed_settings(settings or ()))
     if trips or more or settings:
         raise InputError(f"--trips, --mode, --fraction and --set go with the name of a scenario, not with {source}")
     if Path(source).is_dir():
@@ -86,7 +120,7 @@ def open_source(
     raise InputError(f"{source!r} is neither a scenario ({', '.join(TABLE_1)}) nor a folder of instances")
 
 
-def _parsed(settings: Sequence[str]) -> dict[str, Any]:
+def parsed_settings(settings: Sequence[str]) -> dict[str, Any]:
     """Read NAME=NUMBER, or split=TRAIN,TEST,VALIDATION; the scenario checks ranges."""
     from optkit.world import Settings
 

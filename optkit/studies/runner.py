@@ -13,7 +13,7 @@ from optkit.errors import InputError, OptkitError
 from optkit.parallel import check_jobs
 from optkit.plain import to_json
 from optkit.studies.cells import Cell
-from optkit.studies.policies import POLICIES
+from optkit.studies.policies import POLICIES, Spec
 from optkit.studies.store import CellStore, Stored
 from optkit.studies.work import Result, run_cell
 
@@ -88,7 +88,7 @@ Progress = Callable[[int, int, float], object]
 def expected_seconds(cell: Cell) -> float:
     """What a cell should take on one core, in seconds."""
     if cell.kind == "policy":
-        spec = POLICIES[cell.settings["policy"]]
+        spec = POLICIES.get(cell.settings["policy"], Spec())
         base = 4.0 if spec.rule == "FP" else POLICY_SECONDS[spec.value]
     else:
         base = SECONDS[cell.kind]

@@ -41,7 +41,8 @@ def study_tables(run: StudyRun) -> dict[str, pd.DataFrame]:
         ``bounds`` : mean of each bound in ``points`` (per cent of full information) and worst certificate.
         ``gap`` : certified gaps. ``estimation`` : errors of learned utilities by group. ``errors``, ``utilities`` : one
         row per kind of request. ``sensitivity`` : one row per perturbation. ``operations`` : what workers got beyond
-        their burden, how many were used, how evenly places were served. ``pairs`` : places.
+        their burden, how many were used, how evenly places were served. ``over`` : the same burden, one row per
+        accepted request. ``pairs`` : places.
     """
     import pandas as pd
 
@@ -58,10 +59,30 @@ def study_tables(run: StudyRun) -> dict[str, pd.DataFrame]:
         "utilities": list(_utilities(run)),
         "sensitivity": list(_sensitivity(run)),
         "operations": list(_operations(run)),
+        "over": list(_over(run)),
         "pairs": list(_pairs(run)),
     }
     made["worlds"] = list(_worlds(made["ratios"]))
     return {name: pd.DataFrame(table) for name, table in made.items() if table}
+
+
+def hopeful(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of those instances in which every policy has a finite ratio: what means are taken over.
+
+    A ratio is -inf where nothing can be gained and a policy loses: no mean can hold it, the table ``rows`` does.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> rows = {"scenario": "I.1", "world": 0, "policy": ["FP", "PP"] * 2, "instance": [0, 0, 1, 1]}
+    >>> rows |= {"ratio": [90.0, 80.0, 100.0, -np.inf], "of_arrival": [95.0, 85.0, 100.0, -np.inf]}
+    >>> hopeful(pd.DataFrame(rows))["instance"].unique().tolist()
+    [0]
+    """
+    import pandas as pd
+
+    finite = pd.Series(np.isfinite(rows["ratio"] + rows["of_arrival"]), rows.index)
+    return rows[finite.groupby([rows["scenario"], rows["world"], rows["instance"]]).transform("all")]
 
 
 def _where(cell: Cell) -> Row:
@@ -113,10 +134,7 @@ def _ratios(rows: list[Row]) -> Iterator[Row]:
 
     if not rows:
         return
-    for (scenario, world), place in pd.DataFrame(rows).groupby(["scenario", "world"], sort=False):
-        # A ratio is -inf where nothing can be gained and the policy loses: no mean can hold it, the rows do.
-        hopeless = place.loc[~np.isfinite(place["ratio"] + place["of_arrival"]), "instance"]
-        place = place[~place["instance"].isin(hopeless)]
+    for (scenario, world), place in hopeful(pd.DataFrame(rows)).groupby(["scenario", "world"], sort=False):
         by_policy = dict(iter(place.groupby("policy", sort=False)))
         rules = [name for name in ("PP", "FP") if name in by_policy]
         best = max(rules, key=lambda name: by_policy[name]["ratio"].mean(), default=None)
@@ -243,6 +261,12 @@ def _operations(run: StudyRun) -> Iterator[Row]:
             "over_high": over.high, "utilised": used.mean, "utilised_low": used.low, "utilised_high": used.high,
             "acceptance_cv": spread,
         }  # fmt: skip
+
+
+def _over(run: StudyRun) -> Iterator[Row]:
+    for cell, result in _chosen(run):
+        for one in result.get("over", ()):
+            yield {**_where(cell), "policy": cell.settings["policy"], "over": one}
 
 
 def _rates(result: Result) -> Floats:

@@ -109,6 +109,8 @@ def _utilities(source: Scenario, split: Split, settings: dict[str, Any]) -> Resu
 
 def _policy(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
     """Reward of a policy on each test instance, after training with a seed, and the score that validation gives it."""
+    if settings["policy"] not in POLICIES:
+        raise InputError(f"no policy {settings['policy']!r}; there are {', '.join(POLICIES)}")
     spec = POLICIES[settings["policy"]]
     policy = _trained(split, spec, int(settings["seed"]))
     score = float(simulate(split.validation, policy).reward.mean()) if split.validation else None

@@ -1,0 +1,185 @@
+"""``optkit study``: the paper's experiments, resumable, on one machine or a cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from optkit.cli.options import Json, Quiet, Setting, Trips
+from optkit.errors import InputError
+
+if TYPE_CHECKING:
+    from optkit.studies.grids import Study
+    from optkit.studies.runner import StudyRun
+
+
+def study(
+    name: Annotated[
+        str, typer.Argument(help="homogeneous, heterogeneous, sensitivity, nyc, or all (nyc needs --trips).")
+    ],
+    worlds: Annotated[str, typer.Option(help="World seeds: a number of worlds, or seeds by commas, like 0,1,2.")] = "1",
+    seeds: Annotated[int, typer.Option(min=1, help="Training seeds; validation chooses between them.")] = 5,
+    trips: Trips = None,
+    settings: Setting = None,
+    gap: Annotated[
+        bool, typer.Option("--gap/--no-gap", help="Certify the gap to optimality; it takes longest.")
+    ] = True,
+    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 for one per core.")] = 0,
+    dask: Annotated[
+        str | None,
+        typer.Option(help="Address of a Dask scheduler, tcp://HOST:PORT, or local; needs optkit[dask]."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the results; finished cells are kept in its cells/.")] = Path(
+        "results/studies"
+    ),
+    force: Annotated[bool, typer.Option("--force", help="Work out anew what is finished.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be done, and how long it would take.")
+    ] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Reproduce the paper's experiments: tables, figures and a report, and how they compare with the paper's results.
+
+    A study is a grid of cells. Each is kept as it ends, so that the same command goes on after an interruption of any
+    kind, with the same final tables. A cell that fails is reported, and the others go on; the exit status is then 1.
+    """
+    from optkit.parallel import check_jobs
+    from optkit.plain import to_json
+    from optkit.studies.grids import STUDIES
+
+    if name != "all" and name not in STUDIES:
+        raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}, and all")
+    if name == "nyc" and not trips:
+        raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
+    if trips and name not in ("nyc", "all"):
+        raise InputError(f"--trips goes with the studies nyc and all, not with {name}")
+    chosen = [one for one in STUDIES if name == one or (name == "all" and (one != "nyc" or trips))]
+    studies = [_study(one, worlds, seeds, trips, settings, gap) for one in chosen]
+    jobs = check_jobs(jobs)
+    if dry_run:
+        plans = [_plan(one, out, jobs) for one in studies]
+        typer.echo(to_json(plans) if as_json else "\n".join(_told(plan) for plan in plans))
+        return
+    summaries, failed = [], False
+    for one in studies:
+        run, report = _run(one, out, jobs, dask, force, quiet or as_json)
+        failed |= bool(run.failed)
+        summaries.append(_summary(one, run, report))
+        if not as_json:
+            _print(one, run, report)
+    if as_json:
+        typer.echo(to_json(summaries))
+    elif name == "all" and not trips:
+        typer.echo("nyc is left out: it needs --trips")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _study(
+    name: str, worlds: str, seeds: int, trips: list[Path] | None, settings: list[str] | None, gap: bool
+) -> Study:
+    from optkit.cli.console import parsed_settings
+    from optkit.studies.grids import Study
+
+    files = tuple(str(path) for path in trips or ()) if name == "nyc" else ()
+    return Study(name, _worlds(worlds), seeds, parsed_settings(settings or ()), files, gap)
+
+
+def _worlds(text: str) -> tuple[int, ...]:
+    try:
+        numbers = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if not numbers or min(numbers) < 0 or len(set(numbers)) < len(numbers) or (numbers == (0,) and "," not in text):
+        raise InputError(f"--worlds {text} is neither a number of worlds (1 or more) nor seeds by commas, like 0,1,2")
+    return tuple(range(numbers[0])) if "," not in text else tuple(part for part in numbers)
+
+
+def _plan(study: Study, out: Path, jobs: int) -> dict[str, Any]:
+    from optkit.studies.runner import load
+    from optkit.studies.store import CellStore
+
+    cells = study.cells()
+    if (out / "cells").is_dir():
+        run = load(cells, CellStore(out / "cells"))
+        missing, seconds = run.missing, run.expected_seconds
+    else:
+        from optkit.studies.runner import expected_seconds
+
+        missing, seconds = cells, sum(expected_seconds(cell) for cell in cells)
+    kinds = {kind: sum(cell.kind == kind for cell in cells) for kind in dict.fromkeys(cell.kind for cell in cells)}
+    about = {"study": study.name, "cells": len(cells), "missing": len(missing), "kinds": kinds}
+    return {**about, "expected_seconds": seconds / jobs, "list": [str(cell) for cell in missing]}
+
+
+def _told(plan: dict[str, Any]) -> str:
+    kinds = ", ".join(f"{count} {kind}" for kind, count in plan["kinds"].items())
+    lines = [
+        f"{plan['study']}: {plan['cells']} cells ({kinds}), {plan['missing']} to be worked out, "
+        f"in about {_time(plan['expected_seconds'])}"
+    ]
+    return "\n".join(lines + [f"  {cell}" for cell in plan["list"]])
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quiet: bool) -> tuple[StudyRun, Path]:
+    from optkit.cli.console import study_bar
+    from optkit.studies.claims import claims
+    from optkit.studies.report import write_report
+    from optkit.studies.runner import run_cells
+    from optkit.studies.store import CellStore
+    from optkit.studies.tables import study_tables
+
+    cells = study.cells()
+    store = CellStore(out / "cells")
+    if force:
+        store.forget(cells)
+    with study_bar(study.name, quiet) as tell:
+        run = run_cells(cells, store, trips=study.trips, jobs=jobs, dask=dask, progress=tell)
+    if store.damaged:
+        typer.echo(f"{store.damaged} damaged files in {store.folder} were worked out again", err=True)
+    return run, write_report(out / study.name, study, run, claims(study.name, study_tables(run)))
+
+
+def _summary(study: Study, run: StudyRun, report: Path) -> dict[str, Any]:
+    from optkit.studies.claims import claims
+    from optkit.studies.tables import study_tables
+
+    tables = study_tables(run)
+    failed = {str(cell): run.failed[cell.key] for cell in run.cells if cell.key in run.failed}
+    kept = {name: frame.to_dict(orient="records") for name, frame in tables.items() if name in ("worlds", "gap")}
+    about = {"study": study.name, "cells": len(run.cells), "fresh": run.fresh, "failed": failed}
+    return {**about, "report": str(report), "claims": claims(study.name, tables), "tables": kept}
+
+
+def _print(study: Study, run: StudyRun, report: Path) -> None:
+    from optkit.cli.console import print_table
+    from optkit.studies.claims import claims
+    from optkit.studies.tables import study_tables
+
+    tables = study_tables(run)
+    if "worlds" in tables:
+        shown = [
+            [
+                f"{row['scenario']}: {row['policy']}",
+                f"{row['ratio']:.2f}",
+                f"{row['std']:.2f}",
+                f"{row['of_arrival']:.2f}",
+            ]
+            for row in tables["worlds"].to_dict(orient="records")
+        ]
+        print_table(study.name, ["policy", "ratio %", "std", "of arrival %"], shown)
+    for claim in claims(study.name, tables):
+        typer.echo(f"Result {claim['result']}: {claim['verdict']}: {claim['here']}")
+    for cell in run.cells:
+        if cell.key in run.failed:
+            typer.echo(f"failed: {cell}: {run.failed[cell.key]}", err=True)
+    spent = sum(kept.seconds for kept in run.found.values())
+    typer.echo(f"{len(run.found)} of {len(run.cells)} cells, {run.fresh} worked out now; {spent:.0f} s of work in all")
+    typer.echo(f"report: {report}")

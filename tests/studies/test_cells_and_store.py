@@ -1,0 +1,110 @@
+"""Cells are their description; what is stored is whole, or is not there."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from optkit.errors import OptkitError
+from optkit.studies import cells
+from optkit.studies.cells import Cell
+from optkit.studies.store import CellStore, Stored
+
+PLACE = {"scenario": "I.2", "world": 0, "set": {"horizon": 12, "split": [20, 4, 4]}}
+CELL = Cell("policy", PLACE, {"policy": "PP", "seed": 0})
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Cell("policy", PLACE, {"policy": "FP", "seed": 0}),
+        Cell("policy", PLACE, {"policy": "PP", "seed": 1}),
+        Cell("policy", {**PLACE, "world": 1}, {"policy": "PP", "seed": 0}),
+        Cell("policy", {**PLACE, "set": {"horizon": 13, "split": [20, 4, 4]}}, {"policy": "PP", "seed": 0}),
+        Cell("bounds", PLACE, {"policy": "PP", "seed": 0}),
+    ],
+)
+def test_what_differs_has_another_key(other):
+    assert other.key != CELL.key
+
+
+def test_the_schema_is_part_of_the_key(monkeypatch):
+    """Results of an older meaning are not taken for new ones."""
+    monkeypatch.setattr(cells, "SCHEMA", cells.SCHEMA + 1)
+    assert Cell("policy", PLACE, {"policy": "PP", "seed": 0}).key != CELL.key
+
+
+def test_a_result_comes_back_as_it_was(tmp_path):
+    store, result = CellStore(tmp_path), {"reward": [0.1 + 0.2, 1e-300], "score": None, "taken": [[1, 2], [3, 4]]}
+    assert store.get(CELL) is None
+    store.put(CELL, result, 1.25)
+    assert CellStore(tmp_path).get(CELL) == Stored(result, 1.25)
+    told = json.loads(store.path(CELL).read_text())
+    assert told["settings"] == CELL.settings
+    assert told["place"] == PLACE
+    store.forget([CELL])
+    assert store.get(CELL) is None
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda data: data[: len(data) // 2],
+        lambda data: b"",
+        lambda data: data.replace(b"0.5", b"0.6"),
+        lambda data: data.replace(b"optkit cell", b"another cat"),
+        lambda data: b"[1, 2]",
+        lambda data: data.replace(CELL.key.encode(), b"0" * len(CELL.key)),
+    ],
+)
+def test_what_was_damaged_is_not_read(tmp_path, harm):
+    """Cut, empty, changed, foreign, or renamed from another cell."""
+    store = CellStore(tmp_path)
+    store.put(CELL, {"score": 0.5}, 1.0)
+    path = store.path(CELL)
+    path.write_bytes(harm(path.read_bytes()))
+    assert store.get(CELL) is None
+    assert store.damaged == 1
+
+
+def test_what_a_dead_process_left_is_cleared_and_a_living_one_keeps_its_own(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    names = [f".abc.{dead.pid}.tmp", f".abc.{os.getpid()}.tmp"]
+    for name in names:
+        (tmp_path / name).write_text("half")
+    CellStore(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == names[1:]
+
+
+def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
+    """The disk refuses in the middle of a write: the cells of before stay, and nothing half written is left."""
+    store, other = CellStore(tmp_path), Cell("policy", PLACE, {"policy": "FP", "seed": 0})
+    store.put(CELL, {"score": 0.5}, 1.0)
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OptkitError, match=r"cannot be written \(No space left on device\): what is finished stays"):
+        store.put(other, {"score": 0.7}, 1.0)
+    monkeypatch.undo()
+    assert store.get(CELL) == Stored({"score": 0.5}, 1.0)
+    assert store.get(other) is None
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_written_is_said_at_once(tmp_path):
+    """A file stands in the way; root may write to read-only folders, so they cannot be tried here."""
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(OptkitError, match=r"taken.* cannot be written"):
+        CellStore(tmp_path / "taken")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_folder_is_said_at_once(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(OptkitError, match="Permission denied"):
+        CellStore(tmp_path / "cells")

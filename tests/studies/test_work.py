@@ -1,0 +1,150 @@
+"""Each kind of cell against the function that it stands for, called by hand."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+from optkit import simulate
+from optkit.bounds import arrival_information, full_information
+from optkit.charging import scenario_charging
+from optkit.errors import InputError, TrainingError
+from optkit.gap import gap_report
+from optkit.learning import learn_once, learn_preferences
+from optkit.perturbation import perturb, true_preferences
+from optkit.plain import to_json
+from optkit.policies import PostDecisionPricing
+from optkit.scenarios import scenario
+from optkit.studies import work
+from optkit.studies.cells import Cell
+from optkit.studies.policies import POLICIES, Spec
+from optkit.studies.work import run_cell
+from optkit.training import train
+from optkit.tuning import tune_formula
+
+SETTINGS = {"horizon": 15, "split": (40, 6, 8)}
+PLACE = {"scenario": "II", "world": 1, "set": {"horizon": 15, "split": [40, 6, 8]}}
+SOURCE = scenario("II", seed=1, **SETTINGS)
+SPLIT = SOURCE.split()
+
+
+def cell(kind, **settings):
+    return run_cell(Cell(kind, PLACE, settings))
+
+
+def test_bounds_are_those_of_the_test_instances():
+    found = cell("bounds")
+    for name, bound in (
+        ("full", full_information),
+        ("arrival", arrival_information),
+        ("lagrangian", lambda day: arrival_information(day, "lagrangian")),
+    ):
+        np.testing.assert_allclose(found[name], [bound(day).value for day in SPLIT.test], rtol=1e-9)
+        assert 0 <= found["certificate_gap"][name] < 1e-4
+    assert found["workers"] == [day.n_workers for day in SPLIT.test]
+    assert found["penalty"] == [day.penalty.sum() for day in SPLIT.test]
+
+
+@pytest.mark.parametrize(
+    ("name", "policy"),
+    [
+        ("Myopic, true MNL", lambda: PostDecisionPricing()),
+        ("FP", lambda: tune_formula(SPLIT.train).policy),
+        ("Linear, true MNL", lambda: train(SPLIT, "linear", choice="true", seed=3).policy),
+        ("Linear, re-estimated", lambda: train(SPLIT, "linear", choice="learned", seed=3).policy),
+        (
+            "Linear, single MNL, paper's data",
+            lambda: (
+                train(SPLIT, "linear", choice=learn_once(SPLIT.train, pooled=True, seed=3).preferences, seed=3).policy
+            ),
+        ),
+        (
+            "Myopic, single MNL",
+            lambda: PostDecisionPricing(choice=learn_preferences(SPLIT.train, pooled=True, seed=3).preferences),
+        ),
+    ],
+)
+def test_policies_earn_what_they_earn(name, policy):
+    """Rewards, payments and the validation score are those of the same policy made by hand."""
+    try:
+        made = policy()
+    except TrainingError as error:
+        with pytest.raises(TrainingError, match=str(error)[:30]):
+            cell("policy", policy=name, seed=3)
+        return
+    found, outcome = cell("policy", policy=name, seed=3), simulate(SPLIT.test, made)
+    np.testing.assert_allclose(found["reward"], outcome.reward, rtol=1e-12)
+    np.testing.assert_allclose(found["paid"], np.nansum(outcome.compensation, axis=1), rtol=1e-12)
+    assert found["served"] == outcome.served.tolist()
+    assert found["score"] == pytest.approx(simulate(SPLIT.validation, made).reward.mean(), rel=1e-12)
+
+
+def test_details_add_up():
+    """Requests asked for and served, by places, and what each worker got beyond the burden."""
+    found = cell("policy", policy="Myopic, true MNL", seed=0, detail=True)
+    assert np.sum(found["asked"]) == sum(day.n_requests for day in SPLIT.test)
+    assert np.sum(found["taken"]) == sum(found["served"])
+    outcome, over = simulate(SPLIT.test, PostDecisionPricing()), []
+    for run, worker in np.argwhere(outcome.accepted >= 0):
+        day, request = SPLIT.test[run], outcome.accepted[run, worker]
+        over.append(outcome.compensation[run, worker] + day.utility[day.worker_group[worker], request])
+    np.testing.assert_allclose(found["over"], over, atol=1e-6)
+
+
+def test_errors_of_utilities_are_true_less_estimated():
+    """Against every request of the test instances, one by one."""
+    told, found = cell("utilities"), cell("estimate", choice="learned", seed=2)
+    believed = learn_preferences(SPLIT.train, seed=2).preferences
+    groups = np.arange(3)[:, None]
+    error = np.concatenate(
+        [d.utility - believed.utility_of(d.features, d.pickup, d.dropoff, groups) for d in SPLIT.test], axis=1
+    )
+    np.testing.assert_allclose(found["mbe"], error.mean(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(found["rmse"], np.sqrt((error**2).mean(axis=1)), rtol=1e-9)
+    assert sum(told["count"]) == error.shape[1]
+    weighted = np.average(found["error"], axis=1, weights=told["count"])
+    np.testing.assert_allclose(weighted, error.mean(axis=1), atol=1e-5)
+    kinds = [SOURCE.world.kinds[k] for k in told["type"]]
+    features = {tuple(np.round(x[:3], 9)) for day in SPLIT.test for x in day.features}
+    assert {tuple(np.round(x, 9)) for x in kinds} == features
+
+
+@pytest.mark.parametrize("groups", [None, [1]])
+def test_perturbed_policies_believe_what_they_are_told(groups):
+    more = {} if groups is None else {"groups": groups}
+    found = cell("perturbed", epsilon=4.0, draw=5, value="linear", seed=0, **more)
+    believed = perturb(true_preferences(SOURCE), 4.0, 5, groups=groups)
+    policy = train(SPLIT.train, "linear", choice=believed, seed=0).policy
+    np.testing.assert_allclose(found["reward"], simulate(SPLIT.test, policy).reward, rtol=1e-12)
+    moved = [group for group in range(3) if abs(found["mbe"][group]) > 1e-9]
+    assert moved == ([0, 1, 2] if groups is None else groups)
+
+
+def test_the_gap_is_the_report_s(monkeypatch):
+    """With little training, to be quick."""
+    few = partial(scenario_charging, training=100, pool=400)
+    monkeypatch.setattr(work, "scenario_charging", few)
+    found = json.loads(to_json(cell("gap")))
+    charging = few(SOURCE)
+    policies = {"Myopic, true MNL": PostDecisionPricing(), "Charging, true MNL": charging.policy}
+    report = gap_report(SPLIT.test, policies, value=charging.value, foresight=charging.foresight)
+    assert found["best"]["claim"] == report.claim()
+    assert found["gaps"] == json.loads(to_json(report.to_dict()["gaps"]))
+    assert not any("seconds" in row for row in found["bounds"])
+
+
+def test_the_same_cell_gives_the_same_result():
+    one = Cell("policy", PLACE, {"policy": "Kernel, true MNL", "seed": 1})
+    assert run_cell(one) == run_cell(one)
+
+
+def test_names_say_what_policies_are():
+    assert POLICIES["Attention, paper's data"] == Spec(None, "attention", "paper")
+    assert not POLICIES["PP"].random
+    assert not POLICIES["Myopic, true MNL"].random
+    assert POLICIES["Myopic, re-estimated"].random
+    with pytest.raises(InputError, match="no policy 'Guess'"):
+        cell("policy", policy="Guess", seed=0)
+    with pytest.raises(InputError, match="choice = 'true'"):
+        cell("estimate", choice="true", seed=0)
