@@ -153,7 +153,7 @@ def run_cells(
     # Seconds spent on seconds expected: the machine's own measure, from the cells done so far.
     spent, expected = 0.0, 0.0
     if progress is not None:
-        progress(total - len(run.missing), total, left)
+        progress(total - len(run.missing), total, left / jobs)
     with _engine(jobs, dask) as engine:
         for attempt in range(RESTARTS + 1):
             waiting = sorted(
