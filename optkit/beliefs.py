@@ -67,6 +67,16 @@ class BelievedValue:
         For example a fitted :class:`optkit.models.value.LinearValue`, or one's own.
     preferences : Preferences, optional
         Whose utilities make the surplus; the true ones by default.
+
+    Examples
+    --------
+    >>> from optkit import scenario, simulate
+    >>> from optkit.models.request_sets import ZeroSetValue
+    >>> from optkit.policies import PostDecisionPricing
+    >>> days = scenario("I.2", seed=0).sample(2, seed=1)
+    >>> nothing = PostDecisionPricing(value_function=BelievedValue(ZeroSetValue()))
+    >>> bool((simulate(days, nothing).reward == simulate(days, PostDecisionPricing()).reward).all())
+    True
     """
 
     value: SetValue

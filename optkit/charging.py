@@ -64,7 +64,15 @@ class Charging:
 def charging_value(groups: int = 1) -> LinearValue:
     """Return the estimator that charged best of those tried: knots for every low rank, and in the busy stretch.
 
-    With several groups of workers there is a term for each.
+    Parameters
+    ----------
+    groups : int
+        Number of worker groups; with several there is a term for each.
+
+    Returns
+    -------
+    LinearValue
+        Not fitted yet.
 
     Examples
     --------
@@ -99,6 +107,11 @@ def scenario_charging(
         Arrival sets per step, see :class:`~optkit.bounds.foresight.Foresight`.
     estimator : Estimator, optional
         Another value function to be fitted; :func:`charging_value` by default.
+
+    Returns
+    -------
+    Charging
+        For arrivals and workers alike; in a scenario with trips for workers only.
 
     Raises
     ------
@@ -158,6 +171,11 @@ def worker_charging(
         Probability of each group; needed if there are several.
     estimator : Estimator, optional
         As in :func:`scenario_charging`.
+
+    Returns
+    -------
+    Charging
+        With the assumption on the workers in words.
 
     Raises
     ------

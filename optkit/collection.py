@@ -35,6 +35,13 @@ class RandomOffers:
     ------
     InputError
         If the range is empty or negative.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> log = collect(scenario("I.2", seed=0).sample(5, seed=1), RandomOffers(0.3, 0.5, seed=0)).to_frame()
+    >>> bool(log["compensation"].gt(0).all())
+    True
     """
 
     low: float = 0.4
@@ -69,6 +76,15 @@ class Explore:
     ------
     InputError
         If the deviation is negative.
+
+    Examples
+    --------
+    >>> from optkit import scenario, simulate
+    >>> from optkit.policies import RewardPercentage
+    >>> days = scenario("I.2", seed=0).sample(5, seed=1)
+    >>> half, around_half = RewardPercentage(0.5), Explore(RewardPercentage(0.5), deviation=2.0)
+    >>> bool((simulate(days, half).reward != simulate(days, around_half).reward).any())
+    True
     """
 
     policy: Policy
@@ -88,7 +104,16 @@ class Explore:
 
 
 class OfferLog:
-    """An observer of simulations that logs what was offered and taken."""
+    """An observer of simulations that logs what was offered and taken.
+
+    Examples
+    --------
+    >>> from optkit import scenario, simulate
+    >>> log = OfferLog()
+    >>> done = simulate(scenario("I.2", seed=0).sample(5, seed=1), RandomOffers(seed=0), observe=log)
+    >>> bool(log.offers().n_choices == done.served.sum())
+    True
+    """
 
     def __init__(self) -> None:
         self._parts: list[tuple[Ints | Floats, ...]] = []

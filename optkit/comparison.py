@@ -55,12 +55,18 @@ def compare(
     Parameters
     ----------
     instances : sequence of Instance
+        Their noise must be realised.
     policies : mapping from name to policy
         The first is the one that the others are paired with.
     bounds : sequence of Bound
         One per instance; for the paper's performance ratio, :func:`optkit.bounds.full_information`.
     labels : sequence of int, optional
         Numbers of the instances in the rows, if they are not 0, 1, ...
+
+    Returns
+    -------
+    Comparison
+        A table by policy, and rows by policy and instance.
 
     Raises
     ------

@@ -19,15 +19,15 @@ def fifo_queue(arrival: npt.ArrayLike, horizon: int) -> tuple[Ints, Ints]:
     horizon : int
         Number of steps; workers whose turn does not come before it are not served.
 
-    Raises
-    ------
-    InstanceError
-        If arrivals are not whole numbers in order.
-
     Returns
     -------
     step, served : (S,) int
         The step at which each served worker is seen, strictly increasing, and the worker's position in ``arrival``.
+
+    Raises
+    ------
+    InstanceError
+        If arrivals are not whole numbers in order.
 
     Examples
     --------

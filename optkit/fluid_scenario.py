@@ -29,6 +29,11 @@ def fluid_model(source: Scenario) -> FluidModel:
     source : Scenario
         From :func:`optkit.scenario`, one without trips and with no random term in the utility.
 
+    Returns
+    -------
+    FluidModel
+        One class for each request type, pair of places, arrival and expiry.
+
     Raises
     ------
     InputError
@@ -150,6 +155,14 @@ def bid_prices(source: Scenario, tolerance: float = 1e-5) -> tuple[Bound, BidPri
     bound : Bound
         On the mean reward of any policy, in money; its certificate is checked against :func:`fluid_model`.
     value : BidPriceValue
+        The shadow prices as a policy's value function.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> bound, value = bid_prices(scenario("I.2", seed=0, horizon=10))
+    >>> bound.kind
+    'fluid'
     """
     model = fluid_model(source)
     bound = fluid_bound(model, tolerance=tolerance)

@@ -200,6 +200,11 @@ def gap_report(
     checkpoint : path, optional
         File in which each instance's row is kept as soon as it is there; a report that was interrupted goes on from it.
 
+    Returns
+    -------
+    GapReport
+        Tables of bounds, policies and gaps, the claim, and what they rest on.
+
     Raises
     ------
     InputError

@@ -260,6 +260,11 @@ class Instance:
         ----------
         seed : int, Generator or SeedSequence
             Source of the randomness; the same seed gives the same noise.
+
+        Returns
+        -------
+        Instance
+            Another one; this one stays as it is.
         """
         rng = np.random.default_rng(seed)
         scale = self.mu[self.worker_group]
@@ -295,8 +300,8 @@ class Instance:
             may be left out and are then 0.
         workers : DataFrame
             Column ``step``; ``group`` (0) may be left out. Any order.
-        mu, outside_utility
-            Per group, or one number for all.
+        mu, outside_utility : float or (D,) float
+            Noise scale and utility of rejecting, in money: per group, or one number for all.
         horizon : int, optional
             Number of steps; one more than the last step that the tables name, unless given.
         features : sequence of str
@@ -304,6 +309,11 @@ class Instance:
         queue : bool
             Treat ``step`` as the arrival in a first-in first-out queue, see :func:`fifo_queue`; workers whose
             turn falls beyond the horizon are left out.
+
+        Returns
+        -------
+        Instance
+            Its noise is not realised; see :meth:`with_noise`.
 
         Raises
         ------

@@ -66,7 +66,27 @@ def learn_once(instances: Sequence[Instance], *, pooled: bool = False, seed: int
     """Learn from the paper's data alone: one round of random offers of 40 to 85 per cent of the reward.
 
     Such offers often see few rejections or none, and then say little of the level of utility; the record tells.
-    See :func:`learn_preferences` for arguments and errors.
+
+    Parameters
+    ----------
+    instances : sequence of Instance
+        Training instances.
+    pooled : bool
+        One model for all groups.
+    seed : int
+        Source of the randomness.
+
+    Returns
+    -------
+    Learned
+        With a record of one round. Errors are those of :func:`learn_preferences`.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> learned = learn_once(scenario("I.1", seed=0).sample(60, seed=0))
+    >>> learned.rounds[["round", "rejections"]].values.tolist()
+    [[1, 115]]
     """
     return learn_preferences(instances, rounds=1, pooled=pooled, seed=seed)
 
@@ -107,6 +127,11 @@ def learn_preferences(
         Policy of the first round; random offers of 40 to 85 per cent of the reward by default.
     progress : callable, optional
         Called with the number of rounds done and their largest number, which is also where an early end jumps to.
+
+    Returns
+    -------
+    Learned
+        The preferences, all data, and a record of every round.
 
     Raises
     ------

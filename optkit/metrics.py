@@ -96,10 +96,16 @@ def mean_interval(
     Parameters
     ----------
     values : (B,) float
+        One number for each instance.
     baseline : (B,) float, optional
         Same instances, same order.
     confidence : float
         Coverage of the interval, in (0, 1).
+
+    Returns
+    -------
+    MeanInterval
+        With one instance the mean alone; the rest is NaN.
 
     Raises
     ------

@@ -150,6 +150,11 @@ def trip_scenario(
     **settings
         Fields of :class:`optkit.world.Settings` to change. The request rate matters only as said above.
 
+    Returns
+    -------
+    TripScenario
+        Its episodes are the half-hours that instances are drawn from.
+
     Raises
     ------
     InputError

@@ -29,10 +29,12 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
     ax : matplotlib axes, optional
         Where to draw; a new figure by default, which belongs to nobody's pyplot state.
     title : str, optional
+        Stands above the axes.
 
     Returns
     -------
     matplotlib.axes.Axes
+        The axes drawn on; their figure is ``ax.figure``.
 
     Examples
     --------

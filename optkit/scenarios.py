@@ -16,7 +16,13 @@ from optkit.world import TABLE_1, Settings, World, furnish, poisson_requests
 
 
 class Split(NamedTuple):
-    """Instances to learn from, to report on, and to choose between models with."""
+    """Instances to learn from, to report on, and to choose between models with.
+
+    Attributes
+    ----------
+    train, test, validation : list of Instance
+        In this order; no instance is in two of them.
+    """
 
     train: list[Instance]
     test: list[Instance]
@@ -62,6 +68,11 @@ class Scenario:
         seed : int or SeedSequence
             Source of the randomness, apart from the world's.
 
+        Returns
+        -------
+        list of Instance
+            With their noise.
+
         Raises
         ------
         InputError
@@ -96,6 +107,11 @@ def scenario(
     **settings
         Fields of :class:`optkit.world.Settings` to change, for example ``horizon=1000``; for the NYC scenarios also
         those of :func:`optkit.nyc.trip_scenario`.
+
+    Returns
+    -------
+    Scenario
+        The same for the same name, seed and settings on any machine.
 
     Raises
     ------

@@ -84,6 +84,7 @@ def simulate(
     Returns
     -------
     Simulation
+        What was earned and who took what, instance by instance.
 
     Raises
     ------

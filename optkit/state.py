@@ -25,6 +25,8 @@ class State:
 
     Attributes
     ----------
+    batch : Batch
+        All instances that are simulated, with what is yet to come; the properties below are for policies.
     step : int
         The current step.
     row : (b,) int

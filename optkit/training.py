@@ -120,6 +120,11 @@ def train(
     **settings
         Fields of :class:`Settings`: ``deviations``, ``discount``, ``seeds``, ``seed``.
 
+    Returns
+    -------
+    Trained
+        The policy, its value function and preferences, and a record of every round.
+
     Raises
     ------
     InputError

@@ -63,7 +63,21 @@ class Tuned(Generic[P]):
 def tune_reward_percentage(
     instances: Sequence[Instance], grid: npt.ArrayLike = PERCENTAGES, *, progress: Progress | None = None
 ) -> Tuned[RewardPercentage]:
-    """Choose PP's share by its mean reward over instances; see :class:`Tuned`.
+    """Choose PP's share by its mean reward over instances.
+
+    Parameters
+    ----------
+    instances : sequence of Instance
+        Training instances.
+    grid : (G,) float
+        Shares to try; by default the paper's.
+    progress : callable, optional
+        Called with the number of settings done and their total.
+
+    Returns
+    -------
+    Tuned
+        The best policy, and the whole grid.
 
     Raises
     ------
@@ -91,7 +105,7 @@ def tune_formula(
     *,
     progress: Progress | None = None,
 ) -> Tuned[Formula]:
-    """Choose FP's weights by their mean reward over instances; see :class:`Tuned`.
+    """Choose FP's weights by their mean reward over instances.
 
     Parameters
     ----------
@@ -101,6 +115,11 @@ def tune_formula(
         Values for ``reward``, ``distance``, ``penalty`` and ``expiry_boost``; by default the paper's 1,100.
     progress : callable, optional
         Called with the number of settings done and their total.
+
+    Returns
+    -------
+    Tuned
+        The best policy, and the whole grid.
 
     Raises
     ------

@@ -34,11 +34,11 @@ class Verification:
     decisions, certified : int
         Pricing decisions visited, and those whose prices a dual certificate proves optimal.
     worst_gap : float
-        Largest gap between profit and dual bound, relative to mu + |bound|.
+        Largest gap between profit and dual bound, relative to ``mu + abs(bound)``.
     solved, agreed : int
         Decisions solved again as a concave program, and those whose profit and probabilities agree.
     worst_profit, worst_probability : float
-        Largest differences to the solver: of profits relative to mu + |profit|, and of probabilities.
+        Largest differences to the solver: of profits relative to ``mu + abs(profit)``, and of probabilities.
     failures : list of str
         What the solver said where it gave up; such decisions count as solved but not as agreed.
     """
@@ -103,6 +103,11 @@ def verify_pricing(
         Chooses the sample.
     progress : callable, optional
         Called with the number of decisions solved and their total.
+
+    Returns
+    -------
+    Verification
+        What was checked, and how well it held.
 
     Raises
     ------

@@ -139,6 +139,20 @@ def arrival_exact_batch(
 ) -> list[Bound]:
     """:func:`arrival_exact` of each instance; all sizes are checked before the first is solved.
 
+    Parameters
+    ----------
+    instances : sequence of Instance
+        Their noise is not looked at.
+    limit : int
+        Largest number of uncertain requests at a worker.
+    nonnegative : bool
+        Whether compensations must be at least 0.
+
+    Returns
+    -------
+    list of Bound
+        One for each instance, in order.
+
     Raises
     ------
     SolverError

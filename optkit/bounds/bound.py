@@ -47,6 +47,18 @@ class Certificate(Protocol[Subject_contra]):
 def prove(bound: Bound, subject: Any) -> Verdict:
     """Check a bound's certificate, and that it proves the value that the bound states.
 
+    Parameters
+    ----------
+    bound : Bound
+        Whose certificate to check.
+    subject : Instance or SmallModel
+        What is bounded.
+
+    Returns
+    -------
+    Verdict
+        The bound that the certificate proves, and what its solution attains.
+
     Raises
     ------
     SolverError

@@ -240,7 +240,14 @@ def solve_exactly(model: SmallModel, *, limit: int = STATE_LIMIT) -> ExactSoluti
 def exact_value(model: SmallModel, *, limit: int = STATE_LIMIT) -> Bound:
     """Return the exact value of a small model as a bound: nobody earns more on average, and one policy earns as much.
 
-    Parameters and errors are those of :func:`solve_exactly`, which also gives the value function.
+    :func:`solve_exactly` also gives the value function, and raises the same errors.
+
+    Parameters
+    ----------
+    model : SmallModel
+        What is to be solved.
+    limit : int
+        Largest number of states.
 
     Returns
     -------

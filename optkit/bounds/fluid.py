@@ -113,17 +113,27 @@ class FluidModel:
     def from_instances(cls, instances: Sequence[Instance]) -> FluidModel:
         """Empirical means over instances: each request is a class of its own, that comes in one of B instances.
 
+        Parameters
+        ----------
+        instances : sequence of Instance
+            Of one scenario; their noise is not looked at.
+
+        Returns
+        -------
+        FluidModel
+            With a class for each request.
+
+        Raises
+        ------
+        InputError
+            If there are no instances, or they differ in horizon, groups, mu or outside utility.
+
         Notes
         -----
         What the bound then *proves* is about the empirical scenario, which draws the requests of one instance and,
         independently, the workers of another. For the scenario that the instances came from it is an *estimate*, and
         in the mean too low, because the bound is concave in the counts and in the presences: by 0.4 % with 480
         instances of I.1, by 2 % with 30.
-
-        Raises
-        ------
-        InputError
-            If there are no instances, or they differ in horizon, groups, mu or outside utility.
         """
         if not instances:
             raise InputError("there are no instances: give at least one")

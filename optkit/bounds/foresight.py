@@ -91,6 +91,7 @@ class Foresight:
         Returns
         -------
         list of Foresight
+            One for each instance, each with its own part of the pool, or all with the whole.
 
         Examples
         --------
@@ -181,6 +182,11 @@ def fifo_presence(rate: float, longest: int = LONGEST) -> Floats:
     longest : int
         Stretch beyond which the last probability is used. From the horizon on it is never used, and nothing is amiss;
         the probabilities converge slowly, at rate 0.75 from 0.944 after 60 steps to 0.958 after 250.
+
+    Returns
+    -------
+    (longest + 1,) float
+        Entry k is the probability after k steps in a row that saw a worker.
 
     Raises
     ------

@@ -82,16 +82,21 @@ def certify(
     ----------
     compensation : (..., n) float
         The proposed prices, in money.
-    value, utility, mu, outside_utility, offered
-        As in :func:`optkit.models.pricing.optimal_prices`.
+    value, utility : (..., n) float
+        As in :func:`optkit.models.pricing.optimal_prices`, in money.
+    mu, outside_utility : (...) float
+        Noise scale (positive) and utility of rejecting everything, in money.
     nonnegative : bool
         Whether prices must be at least 0 (default), or may have either sign.
+    offered : (..., n) bool, optional
+        Which requests are on offer; all by default.
     tolerance : float
         The verdict allows a gap of ``tolerance * (mu + |bound|)``, and the rounding of the inputs' magnitude.
 
     Returns
     -------
     PriceCertificate
+        Profit, bound and gap of each decision, and the verdict.
 
     Raises
     ------

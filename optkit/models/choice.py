@@ -36,7 +36,9 @@ def acceptance_probabilities(
     Returns
     -------
     acceptance : (..., n) float
+        P_i; 0 where nothing is offered.
     rejection : (...) float
+        P_0.
 
     Raises
     ------

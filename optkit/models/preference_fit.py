@@ -140,8 +140,10 @@ def utility_errors(
     ----------
     preferences : Preferences
         The beliefs.
-    features, pickup, dropoff
-        Requests, (n, k), (n,) and (n,).
+    features : (n, k) float
+        Characteristics of the requests.
+    pickup, dropoff : (n,) int
+        Their locations.
     truth : (D, n) float
         True mean utilities less the outside utility of the group, in money.
 
@@ -150,6 +152,16 @@ def utility_errors(
     DataFrame
         One row per group: ``group``, ``rmse``, ``mbe`` (money). A positive bias means that utilities are believed lower
         than they are: truth minus belief.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> from optkit.learning import learn_once
+    >>> days = scenario("I.1", seed=0).sample(60, seed=1)
+    >>> believed, day = learn_once(days).preferences, days[0]
+    >>> errors = utility_errors(believed, day.features, day.pickup, day.dropoff, day.utility)
+    >>> bool(errors["rmse"].iloc[0] < 1.0)
+    True
     """
     rows = []
     for group, true in enumerate(truth):

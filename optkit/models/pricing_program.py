@@ -91,7 +91,7 @@ class PricingProgram:
     r"""The concave pricing problem over the simplex, solved by a conic solver.
 
     .. math:: \max_{P, P_0} \; a^\top P - \mu \sum_i P_i \ln (P_i / P_0)
-              \quad \text{s.t.} \quad \textstyle\sum_i P_i + P_0 = 1, \quad P_i \ge P_0\, e^{(u_i - u_0)/\mu}
+              \quad \text{s.t.} \quad \sum_i P_i + P_0 = 1, \quad P_i \ge P_0\, e^{(u_i - u_0)/\mu}
 
     with a_i = v_i + u_i - u_0; the last constraint says c_i >= 0 and is there if ``nonnegative``. Concave by Lemma 2 of
     the paper (section 3.2; the Hessian corrected in design section 4), DCP and DPP. The solver is handed this problem

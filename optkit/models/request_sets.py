@@ -141,7 +141,14 @@ class SetValue(Protocol):
 
 
 class ZeroSetValue:
-    """The value function that is 0."""
+    """The value function that is 0.
+
+    Examples
+    --------
+    >>> from optkit.beliefs import BelievedValue
+    >>> BelievedValue(ZeroSetValue()).preferences is None  # a policy's value function, with the true preferences
+    True
+    """
 
     def value(self, sets: RequestSets) -> Floats:
         """Zeros, (b,)."""
@@ -156,6 +163,34 @@ def removal_differences(value: Callable[[RequestSets], Floats], sets: RequestSet
     """Opportunity costs by evaluating every set once more without each of its members, (b, w), money.
 
     For value functions without anything quicker, and to check those that have.
+
+    Parameters
+    ----------
+    value : callable
+        From b sets to their values (b,), money.
+    sets : RequestSets
+        Up to w requests each.
+
+    Returns
+    -------
+    (b, w) float
+        V(S) - V(S without i) for every member i, money; 0 for padding.
+
+    Examples
+    --------
+    >>> from optkit import scenario, simulate
+    >>> from optkit.beliefs import BelievedValue
+    >>> from optkit.policies import PostDecisionPricing
+    >>> class Penalties(ZeroSetValue):
+    ...     def value(self, sets):
+    ...         return np.where(sets.member, sets.penalty, 0.0).sum(axis=1)
+    ...     def opportunity_cost(self, sets):
+    ...         cost = removal_differences(self.value, sets)
+    ...         assert np.allclose(cost, np.where(sets.member, sets.penalty, 0.0))
+    ...         return cost
+    >>> policy = PostDecisionPricing(value_function=BelievedValue(Penalties()))
+    >>> simulate(scenario("I.2", seed=0).sample(2, seed=1), policy).reward.shape
+    (2,)
     """
     b, i = np.nonzero(sets.member)
     fewer = sets.rows(b)

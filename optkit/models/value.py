@@ -336,10 +336,28 @@ class KernelValue(_LinearInTerms):
 def value_of(plain: dict[str, Any]) -> LinearValue | KernelValue:
     """Make a fitted value function again from its plain data.
 
+    Parameters
+    ----------
+    plain : dict
+        What ``to_dict`` returned.
+
+    Returns
+    -------
+    LinearValue or KernelValue
+        It prices as the one that was written.
+
     Raises
     ------
     InputError
         If the data are incomplete or do not fit together.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> from optkit.training import train
+    >>> fitted = train(scenario("I.2", seed=0, horizon=10).sample(20, seed=1), "linear", choice="true").value
+    >>> bool((value_of(fitted.to_dict()).coef_ == fitted.coef_).all())
+    True
     """
     kinds: dict[str, type[LinearValue] | type[KernelValue]] = {"LinearValue": LinearValue, "KernelValue": KernelValue}
     try:

@@ -44,7 +44,13 @@ class ValueFunction(Protocol):
 
 @dataclass(frozen=True)
 class TrueChoice:
-    """The workers' true preferences, as in the paper's Pert(0)."""
+    """The workers' true preferences, as in the paper's Pert(0).
+
+    Examples
+    --------
+    >>> PostDecisionPricing().choice == TrueChoice()
+    True
+    """
 
     def utility(self, state: State) -> Floats:
         """True mean utilities, (b, w), money."""
@@ -61,7 +67,13 @@ class TrueChoice:
 
 @dataclass(frozen=True)
 class ZeroValue:
-    """The value function that is 0: the future is worth nothing, which makes the policy myopic."""
+    """The value function that is 0: the future is worth nothing, which makes the policy myopic.
+
+    Examples
+    --------
+    >>> PostDecisionPricing().value_function == ZeroValue()
+    True
+    """
 
     def opportunity_cost(self, state: State) -> Floats:
         """Zeros, (b, w)."""

@@ -29,13 +29,33 @@ from optkit.storage.schema import (
 
 
 def load_instances(folder: str | os.PathLike[str]) -> list[Instance]:
-    """Read an instance set that :func:`save_instances` wrote, and check all of it.
+    """Read an instance set that :func:`optkit.storage.save_instances` wrote, and check all of it.
+
+    Parameters
+    ----------
+    folder : path
+        The folder of the set.
+
+    Returns
+    -------
+    list of Instance
+        Equal to those that were written.
 
     Raises
     ------
     DataError
         If a file is missing, damaged, truncated, or from a newer optkit, or if an instance breaks a rule of
         :class:`~optkit.instance.Instance`; the message names the file and the remedy.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from optkit import scenario
+    >>> from optkit.storage import save_instances
+    >>> days = scenario("I.2", seed=0).sample(2, seed=1)
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     load_instances(save_instances(f"{place}/days", days)) == days
+    True
     """
     place, document = Path(folder), read_description(folder)
     records = document["instances"]
@@ -60,10 +80,31 @@ def load_instances(folder: str | os.PathLike[str]) -> list[Instance]:
 def read_description(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """Read and check ``scenario.json`` alone: the settings and sizes of a set, without its tables.
 
+    Parameters
+    ----------
+    folder : path
+        The folder of the set.
+
+    Returns
+    -------
+    dict
+        The file's content, see :mod:`optkit.storage.schema`.
+
     Raises
     ------
     DataError
         If the folder or the file is missing, damaged, of another format, or from a newer optkit.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from optkit import scenario
+    >>> from optkit.storage import save_instances
+    >>> source = scenario("I.2", seed=0)
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     folder = save_instances(f"{place}/days", source.sample(2, seed=1), scenario=source.describe())
+    ...     read_description(folder)["scenario"]["name"]
+    'I.2'
     """
     place = Path(folder)
     path = place / "scenario.json"

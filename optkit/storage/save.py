@@ -30,7 +30,7 @@ def save_instances(
 
     The set is written beside ``folder``, flushed to the disk and then renamed, so that ``folder`` never holds half a
     set. Replacing takes two renames. If the machine stops between them, both sets are complete in a hidden folder
-    beside ``folder``, and :func:`load_instances` says where.
+    beside ``folder``, and :func:`optkit.storage.load_instances` says where.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def save_instances(
     instances : iterable of Instance
         They share the number of features and of groups; horizons, sizes and kinds of noise may differ.
     scenario : dict, optional
-        Origin, settings and seeds, of plain JSON values; :func:`read_description` returns it as JSON does (tuples
-        become lists).
+        Origin, settings and seeds, of plain JSON values; :func:`optkit.storage.read_description` returns it as JSON
+        does (tuples become lists).
     overwrite : bool
         Replace ``folder`` if it is an instance set and holds nothing else.
 

@@ -1,0 +1,44 @@
+"""How the documentation site is built: sphinx-build -W docs docs/_build (see docs/contributors.md)."""
+
+import sys
+from pathlib import Path
+
+import optkit
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+project = "optkit"
+author = "The optkit developers"
+release = version = optkit.__version__
+
+# mathml, commands and names are in _ext.
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "mathml", "commands", "names"]
+exclude_patterns = ["_build", "_ext"]
+nitpicky = True
+
+myst_enable_extensions = ["dollarmath", "deflist"]
+myst_heading_anchors = 3
+
+# Quotes and dots, but no dashes: --help is an option.
+smartquotes_action = "qe"
+
+html_theme = "furo"
+html_title = "optkit"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+# Summaries are fetched when somebody searches, which no browser allows without a server.
+html_show_search_summary = False
+html_show_copyright = False
+html_show_sphinx = False
+html_math_renderer = "mathml"
+pygments_style = "a11y-high-contrast-light"
+pygments_dark_style = "a11y-high-contrast-dark"
+
+# Types stand in the docstrings, with their shapes and units.
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 88
+add_module_names = False
+numpydoc_show_class_members = False

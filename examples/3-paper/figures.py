@@ -1,0 +1,62 @@
+"""The paper's figures from the results of the studies, each with a few sentences on how to read it.
+
+    python examples/3-paper/figures.py                            small studies, worked out here in half a minute
+    python examples/3-paper/figures.py results/studies figures    from what optkit study left, into a folder
+
+What is drawn is what is there: cells that no study has worked out yet are missing in the figures.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from optkit.plots import figure_bytes
+from optkit.studies.figures import study_figures
+from optkit.studies.grids import Study
+from optkit.studies.runner import load, run_cells
+from optkit.studies.store import CellStore
+from optkit.studies.tables import study_tables
+
+READING = {
+    "perf_syn": "Each box is a policy on the same test instances: quartiles, whiskers, and the mean beneath. 100 is a "
+    "clairvoyant. Who knows or has learned preferences stands apart from the rules FP and PP.",
+    "perf_syn_2": "With three groups of workers one model for all is too little: it believes in an average worker whom "
+    "nobody is. A model for each group comes close to knowing the truth.",
+    "sens_syn": "Each bubble is one perturbed belief: its size and number are the ratio, its colour the mean error. "
+    "Beliefs that overestimate how much workers like requests pay too little, and lose more than the others.",
+    "sens_syn_2": "The same with three groups: an error about one of them touches a third of the workers, one "
+    "about all touches everybody.",
+    "utility_scen_2": "What requests are worth to each group before pay, by type: where the histograms of two groups "
+    "do not overlap, one price cannot suit both.",
+    "mnl_momnl": "True less estimated utility. A single model is wrong by as much as the groups differ; separate "
+    "models are wrong by what the data leave open: much, with the paper's random offers alone.",
+}
+
+
+def results(folder: Path | None, name: str):
+    """Return the tables of a study: from a folder of finished cells, or worked out here on few small instances."""
+    if folder is not None:
+        study = Study(name)
+        return study_tables(load(study.cells(), CellStore(folder / "cells")))
+    study = Study(name, seeds=1, settings={"horizon": 25, "split": (60, 12, 12)}, gap=False)
+    cells = [cell for cell in study.cells() if "Attention" not in str(cell) and "Kernel" not in str(cell)]
+    with tempfile.TemporaryDirectory() as scratch:
+        return study_tables(run_cells(cells, CellStore(scratch)))
+
+
+def main(source: str | None = None, target: str | None = None) -> None:
+    """Draw the figures of three studies and say what they show."""
+    folder = None if source is None else Path(source)
+    for name in ("homogeneous", "heterogeneous", "sensitivity"):
+        for label, figure in study_figures(results(folder, name)).items():
+            kind = label if label in READING else label.rpartition("_")[0]
+            print(f"{label}: {READING[kind]}\n")
+            image = figure_bytes(figure.axes[0], "png")
+            assert image.startswith(b"\x89PNG")
+            if target is not None:
+                Path(target).mkdir(parents=True, exist_ok=True)
+                (Path(target) / f"{label}.png").write_bytes(image)
+
+
+if __name__ == "__main__":
+    main(*(argument for argument in sys.argv[1:3] if not argument.startswith("-")))
