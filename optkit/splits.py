@@ -5,12 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from optkit.errors import DataError
+from optkit.instance import Instance
 from optkit.scenarios import Split, cut
 from optkit.storage import load_instances, read_description
 from optkit.world import Settings
 
 PARTS = Split._fields
+
+NOISE_STREAM = 8
+"""Key of the noise that is drawn for sets without any."""
 
 
 def has_parts(folder: Path) -> bool:
@@ -30,12 +36,16 @@ def has_parts(folder: Path) -> bool:
 def read_split(folder: Path) -> tuple[Split, dict[str, Any]]:
     """Read the parts that ``optkit generate`` writes, or cut one set as the paper's scenarios are cut.
 
+    Nobody records the workers' noise, and simulated workers need some: where a set has none it is drawn here, the same
+    each time.
+
     Returns
     -------
     Split
         The instances.
     dict
-        Where they come from: the folder's name, and per set its scenario and checksum.
+        Where they come from: the folder's name, and per set its scenario and checksum; ``noise``, for how many
+        instances it was drawn, if for any.
 
     Raises
     ------
@@ -44,9 +54,10 @@ def read_split(folder: Path) -> tuple[Split, dict[str, Any]]:
     """
     if has_parts(folder):
         sets = {part: folder / part for part in PARTS if (folder / part).is_dir()}
-        split = Split(*(load_instances(sets[part]) if part in sets else [] for part in PARTS))
-        return split, _origin(folder, sets)
-    instances, origin = load_instances(folder), _origin(folder, {"set": folder})
+        parts = [_realised(load_instances(sets[part]), k) if part in sets else ([], 0) for k, part in enumerate(PARTS)]
+        return Split(*(part for part, _ in parts)), _origin(folder, sets, sum(drawn for _, drawn in parts))
+    instances, drawn = _realised(load_instances(folder), len(PARTS))
+    origin = _origin(folder, {"set": folder}, drawn)
     n = len(instances)
     if n < 2:
         raise DataError(f"{folder} holds {n} instance(s): at least one to tune on and one to report on are needed")
@@ -60,7 +71,15 @@ def read_split(folder: Path) -> tuple[Split, dict[str, Any]]:
     return cut(instances, (n - held - kept, held, kept)), origin
 
 
-def _origin(folder: Path, sets: dict[str, Path]) -> dict[str, Any]:
+def _realised(instances: list[Instance], part: int) -> tuple[list[Instance], int]:
+    """Return instances with noise, and for how many it had to be drawn."""
+    moods = np.random.SeedSequence(0, spawn_key=(NOISE_STREAM, part)).spawn(len(instances))
+    bare = [one.noise is None for one in instances]
+    made = [one.with_noise(mood) if none else one for one, mood, none in zip(instances, moods, bare, strict=True)]
+    return made, sum(bare)
+
+
+def _origin(folder: Path, sets: dict[str, Path], drawn: int) -> dict[str, Any]:
     told = {part: read_description(place) for part, place in sets.items()}
     seals = {part: {"scenario": one["scenario"], "files": one["files"]} for part, one in told.items()}
-    return {"folder": folder.resolve().name, "sets": seals}
+    return {"folder": folder.resolve().name, "sets": seals, **({"noise": drawn} if drawn else {})}

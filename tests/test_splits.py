@@ -1,5 +1,7 @@
 """Splits read from folders."""
 
+from dataclasses import replace
+
 import pytest
 
 from optkit.errors import DataError
@@ -32,6 +34,24 @@ def test_one_set_is_cut_in_the_papers_proportions(days, tmp_path):
     split, _ = read_split(tmp_path / "set")
     assert [len(part) for part in split] == [16, 4, 1]
     assert [*split.train, *split.test, *split.validation] == days
+
+
+def test_noise_that_nobody_recorded_is_drawn_alike_each_time(days, tmp_path):
+    """Each instance gets its own, the same in a second reading; the rest stays as it was, and the origin says so."""
+    bare = [replace(day, noise=None, outside_noise=None) for day in days]
+    save_instances(tmp_path / "set", bare)
+    (split, origin), (again, _) = read_split(tmp_path / "set"), read_split(tmp_path / "set")
+    made = [*split.train, *split.test, *split.validation]
+    assert made == [*again.train, *again.test, *again.validation]
+    assert [replace(day, noise=None, outside_noise=None) for day in made] == bare
+    assert len({float(day.outside_noise[0]) for day in made if day.n_workers}) == sum(d.n_workers > 0 for d in made)
+    assert origin["noise"] == 21
+    for part, own in (("train", days[:4]), ("test", bare[4:6])):
+        save_instances(tmp_path / "both" / part, own)
+    split, origin = read_split(tmp_path / "both")
+    assert split.train == days[:4]
+    assert all(day.noise is not None for day in split.test)
+    assert origin["noise"] == 2
 
 
 def test_a_set_that_repeats_its_trips_is_refused(days, tmp_path):

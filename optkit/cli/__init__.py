@@ -16,6 +16,8 @@ from optkit.cli.fit import fit
 from optkit.cli.generate import generate
 from optkit.cli.price import price
 from optkit.cli.run import run
+from optkit.cli.study import study
+from optkit.cli.teach import teach
 from optkit.cli.train import train
 from optkit.errors import OptkitError
 
@@ -38,7 +40,7 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
         raise typer.Exit
 
 
-for verb in (run, generate, bound, certify, price, collect, fit, train, evaluate):
+for verb in (run, generate, bound, certify, price, collect, fit, train, evaluate, study, teach):
     app.command()(verb)
 
 

@@ -98,6 +98,9 @@ def certify(
             raise InputError(f"--kinds penalised: nothing tells how workers come in {source}: give --worker-rate")
         if charging is not None:
             more |= {"value": charging.value, "foresight": charging.foresight, "assumptions": charging.assumptions}
+        if isinstance(opened, Path) and (drawn := read_split(opened)[1].get("noise")):
+            told = f"noise: drawn here for all {drawn} instances of the folder, which has none"
+            more["assumptions"] = (*more.get("assumptions", ()), told)
         named = _policies(wanted, split, charging, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
     if out is not None:

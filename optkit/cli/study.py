@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -11,6 +11,8 @@ from optkit.cli.options import Json, Quiet, Setting, Trips
 from optkit.errors import InputError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from optkit.studies.grids import Study
     from optkit.studies.runner import StudyRun
 
@@ -63,19 +65,25 @@ def study(
         plans = [_plan(one, out, jobs) for one in studies]
         typer.echo(to_json(plans) if as_json else "\n".join(_told(plan) for plan in plans))
         return
-    summaries, failed = [], False
+    finished = []
     for one in studies:
-        run, report = _run(one, out, jobs, dask, force, quiet or as_json)
-        failed |= bool(run.failed)
-        summaries.append(_summary(one, run, report))
+        finished.append(_run(one, out, jobs, dask, force, quiet or as_json))
         if not as_json:
-            _print(one, run, report)
+            _print(finished[-1])
     if as_json:
-        typer.echo(to_json(summaries))
+        typer.echo(to_json([_summary(one) for one in finished]))
     elif name == "all" and not trips:
         typer.echo("nyc is left out: it needs --trips")
-    if failed:
+    if any(one.run.failed for one in finished):
         raise typer.Exit(1)
+
+
+class _Finished(NamedTuple):
+    study: Study
+    run: StudyRun
+    tables: dict[str, pd.DataFrame]
+    claims: list[dict[str, Any]]
+    report: Path
 
 
 def _study(
@@ -128,15 +136,16 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quiet: bool) -> tuple[StudyRun, Path]:
+def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quiet: bool) -> _Finished:
     from optkit.cli.console import study_bar
     from optkit.studies.claims import claims
-    from optkit.studies.report import write_report
+    from optkit.studies.report import check_report, write_report
     from optkit.studies.runner import run_cells
     from optkit.studies.store import CellStore
     from optkit.studies.tables import study_tables
 
     cells = study.cells()
+    check_report(out / study.name)
     store = CellStore(out / "cells")
     if force:
         store.forget(cells)
@@ -144,42 +153,38 @@ def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quie
         run = run_cells(cells, store, trips=study.trips, jobs=jobs, dask=dask, progress=tell)
     if store.damaged:
         typer.echo(f"{store.damaged} damaged files in {store.folder} were worked out again", err=True)
-    return run, write_report(out / study.name, study, run, claims(study.name, study_tables(run)))
-
-
-def _summary(study: Study, run: StudyRun, report: Path) -> dict[str, Any]:
-    from optkit.studies.claims import claims
-    from optkit.studies.tables import study_tables
-
     tables = study_tables(run)
-    failed = {str(cell): run.failed[cell.key] for cell in run.cells if cell.key in run.failed}
-    kept = {name: frame.to_dict(orient="records") for name, frame in tables.items() if name in ("worlds", "gap")}
-    about = {"study": study.name, "cells": len(run.cells), "fresh": run.fresh, "failed": failed}
-    return {**about, "report": str(report), "claims": claims(study.name, tables), "tables": kept}
+    found = claims(study.name, tables)
+    return _Finished(study, run, tables, found, write_report(out / study.name, study, run, found))
 
 
-def _print(study: Study, run: StudyRun, report: Path) -> None:
+def _summary(one: _Finished) -> dict[str, Any]:
+    failed = {str(cell): one.run.failed[cell.key] for cell in one.run.cells if cell.key in one.run.failed}
+    kept = {name: frame.to_dict(orient="records") for name, frame in one.tables.items() if name in ("worlds", "gap")}
+    about = {"study": one.study.name, "cells": len(one.run.cells), "fresh": one.run.fresh, "failed": failed}
+    return {**about, "report": str(one.report), "claims": one.claims, "tables": kept}
+
+
+def _print(one: _Finished) -> None:
     from optkit.cli.console import print_table
-    from optkit.studies.claims import claims
-    from optkit.studies.tables import study_tables
 
-    tables = study_tables(run)
-    if "worlds" in tables:
+    if "worlds" in one.tables:
+        header = ["policy", "ratio %", "std", "of arrival %"]
+        rows = one.tables["worlds"].to_dict(orient="records")
         shown = [
-            [
-                f"{row['scenario']}: {row['policy']}",
-                f"{row['ratio']:.2f}",
-                f"{row['std']:.2f}",
-                f"{row['of_arrival']:.2f}",
-            ]
-            for row in tables["worlds"].to_dict(orient="records")
+            [f"{row['scenario']}: {row['policy']}", *(f"{row[name]:.2f}" for name in ("ratio", "std", "of_arrival"))]
+            for row in rows
         ]
-        print_table(study.name, ["policy", "ratio %", "std", "of arrival %"], shown)
-    for claim in claims(study.name, tables):
-        typer.echo(f"Result {claim['result']}: {claim['verdict']}: {claim['here']}")
-    for cell in run.cells:
-        if cell.key in run.failed:
-            typer.echo(f"failed: {cell}: {run.failed[cell.key]}", err=True)
-    spent = sum(kept.seconds for kept in run.found.values())
-    typer.echo(f"{len(run.found)} of {len(run.cells)} cells, {run.fresh} worked out now; {spent:.0f} s of work in all")
-    typer.echo(f"report: {report}")
+        print_table(one.study.name, header, shown)
+    for row in one.tables["gap"].to_dict(orient="records") if "gap" in one.tables else []:
+        at = f"{row['scenario']}, world {row['world']}: {row['policy']}"
+        typer.echo(f"{at} is at most {row['at_most']:.2f} points from optimal (gap {row['gap']:.2f}, {row['bound']})")
+    for claim in one.claims:
+        typer.echo(f"Result {claim['result']}, {claim['verdict']}: {claim['pattern']} {claim['here']}")
+    for cell in one.run.cells:
+        if cell.key in one.run.failed:
+            typer.echo(f"failed: {cell}: {one.run.failed[cell.key]}", err=True)
+    spent = sum(kept.seconds for kept in one.run.found.values())
+    done = f"{len(one.run.found)} of {len(one.run.cells)} cells, {one.run.fresh} worked out now"
+    typer.echo(f"{done}; {spent:.0f} s of work in all")
+    typer.echo(f"report: {one.report}")

@@ -1,0 +1,129 @@
+"""optkit study, called as a user calls it."""
+
+import json
+import signal
+import sys
+
+import pandas as pd
+import pytest
+
+from optkit.cli import main
+from optkit.studies import grids, runner
+
+SMALL = ["--set", "split=20,4,4", "--set", "horizon=12"]
+
+
+@pytest.fixture
+def study(monkeypatch, capsys):
+    """Run the verb in this process, without the network; return exit status, output and errors."""
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(grids, "find_spec", lambda _: None)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["optkit", "study", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return left.value.code or 0, *capsys.readouterr()
+
+    yield run
+    signal.signal(signal.SIGINT, before)
+
+
+def strict(text):
+    """Parse JSON that every reader takes."""
+    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "timings.csv"}
+
+
+def test_a_study_is_planned_run_and_not_run_again(study, tmp_path):
+    """Plan, results, and a second call that works nothing out and writes the same files."""
+    common = ["sensitivity", *SMALL, "--out", tmp_path, "--jobs", 1]
+    status, out, _ = study(*common, "--dry-run")
+    assert status == 0
+    assert "sensitivity: 154 cells (2 bounds, 152 perturbed), 154 to be worked out" in out
+    assert not (tmp_path / "cells").exists()
+    status, out, _ = study(*common, "--json")
+    (told,) = strict(out)
+    assert (status, told["cells"], told["fresh"], told["failed"]) == (0, 154, 154, {})
+    assert {claim["result"] for claim in told["claims"]} == {2, 4}
+    first = files(tmp_path / "sensitivity")
+    assert "report.html" in first
+    assert len(pd.read_csv(tmp_path / "sensitivity" / "sensitivity.csv")) == 152
+    status, out, _ = study(*common)
+    assert status == 0
+    assert "154 of 154 cells, 0 worked out now" in out
+    assert files(tmp_path / "sensitivity") == first
+    status, out, _ = study(*common, "--dry-run", "--json")
+    assert strict(out)[0]["missing"] == 0
+
+
+def test_force_works_out_anew(study, tmp_path):
+    common = ["heterogeneous", *SMALL, "--out", tmp_path, "--no-gap", "--seeds", 1, "--jobs", 2]
+    _, out, _ = study(*common, "--json")
+    before = strict(out)[0]
+    _, out, _ = study(*common, "--json", "--force")
+    again = strict(out)[0]
+    assert again["fresh"] == before["fresh"] == before["cells"]
+    assert again["tables"] == before["tables"]
+
+
+def test_worlds_are_numbers_or_seeds(study, tmp_path):
+    for text, worlds in (("2", {"world 0", "world 1"}), ("4,7", {"world 4", "world 7"})):
+        _, out, _ = study("heterogeneous", "--worlds", text, "--out", tmp_path, "--dry-run", "--json")
+        assert {cell.split(": ")[0].split(", ")[1] for cell in strict(out)[0]["list"]} == worlds
+
+
+def test_all_without_trips_says_what_is_left_out(study, tmp_path, monkeypatch):
+    _, out, _ = study("all", "--out", tmp_path, "--dry-run", "--json")
+    assert [plan["study"] for plan in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity"]
+
+
+def test_a_failed_cell_is_reported_and_the_status_says_so(study, tmp_path, monkeypatch):
+    work = runner.run_cell
+
+    def fail(cell, trips):
+        if cell.settings.get("draw") == 3:
+            raise ValueError("no luck")
+        return work(cell, trips)
+
+    monkeypatch.setattr(runner, "run_cell", fail)
+    status, out, err = study("sensitivity", *SMALL, "--out", tmp_path, "--jobs", 1)
+    assert status == 1
+    assert "failed: I.1, world 0: perturbed, epsilon 2.0, draw 3, value linear, seed 0: ValueError: no luck" in err
+    assert "139 of 154 cells" in out
+    assert (tmp_path / "sensitivity" / "report.html").exists()
+    monkeypatch.undo()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["guess"], "no study 'guess'"),
+        (["nyc"], "needs trip records"),
+        (["homogeneous", "--trips", "x.parquet"], "--trips goes with"),
+        (["nyc", "--trips", "none.parquet"], "there is no file none.parquet"),
+        (["homogeneous", "--worlds", "0"], "--worlds 0"),
+        (["homogeneous", "--worlds", "1,1"], "--worlds 1,1"),
+        (["homogeneous", "--worlds", "many"], "--worlds many"),
+        (["homogeneous", "--set", "horizont=3"], "no setting 'horizont'"),
+        (["heterogeneous", "--dask", "tcp://127.0.0.1:9"], "no Dask scheduler"),
+    ],
+)
+def test_bad_input_is_one_line(study, arguments, message, tmp_path):
+    status, _, err = study(*arguments, "--out", tmp_path)
+    assert status == 2
+    assert message in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_a_folder_of_others_is_not_replaced(study, tmp_path):
+    """What stands in the report's place is not ours."""
+    (tmp_path / "sensitivity").mkdir()
+    (tmp_path / "sensitivity" / "thesis.tex").write_text("years of work")
+    status, _, err = study("sensitivity", *SMALL, "--out", tmp_path)
+    assert status == 2
+    assert "thesis.tex" in err
+    assert (tmp_path / "sensitivity" / "thesis.tex").read_text() == "years of work"
