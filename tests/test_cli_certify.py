@@ -4,6 +4,7 @@ import json
 import re
 import signal
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -153,6 +154,18 @@ def test_a_policy_that_cannot_be_had_is_said(certify, own, tmp_path, code, name,
     assert certify(own, "--policy", f"{tmp_path}/none.py:half")[2].endswith(
         "there is no file " + f"{tmp_path}/none.py\n"
     )
+
+
+def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):
+    """Nobody records the noise; with it drawn everything goes on, alike each time."""
+    for part, instances in scenario("I.2", seed=0, **SETTINGS).split()._asdict().items():
+        bare = [replace(day, noise=None, outside_noise=None) for day in instances]
+        save_instances(tmp_path / part, bare)
+    status, out, _ = certify(tmp_path, "--worker-rate", 0.5, "--json")
+    assert status == 0
+    assert "noise: drawn here for 54 instances of the folder, which have none" in strict(out)["assumptions"]
+    again = strict(certify(tmp_path, "--worker-rate", 0.5, "--json")[1])
+    assert again["gaps"] == strict(out)["gaps"]
 
 
 def test_text_and_more_instances(certify):

@@ -93,14 +93,12 @@ def certify(
         more["kinds"] = chosen
     with progress_bar(quiet or as_json) as tell:
         charge = chosen is None or "penalised" in chosen
-        split, tested, charging = _prepare(opened, instances, worker_rate, shares, charge, tell)
+        split, tested, charging, noise = _prepare(opened, instances, worker_rate, shares, charge, tell)
         if charging is None and chosen is not None and charge:
             raise InputError(f"--kinds penalised: nothing tells how workers come in {source}: give --worker-rate")
         if charging is not None:
             more |= {"value": charging.value, "foresight": charging.foresight, "assumptions": charging.assumptions}
-        if isinstance(opened, Path) and (drawn := read_split(opened)[1].get("noise")):
-            told = f"noise: drawn here for all {drawn} instances of the folder, which has none"
-            more["assumptions"] = (*more.get("assumptions", ()), told)
+        more["assumptions"] = (*more.get("assumptions", ()), *noise)
         named = _policies(wanted, split, charging, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
     if out is not None:
@@ -123,15 +121,18 @@ def _prepare(
     shares: list[float] | None,
     charge: bool,
     tell: Callable[[str, int, int], object],
-) -> tuple[Split, list[Instance], Charging | None]:
-    """Return instances to train on and to measure on, and what a penalised bound needs, if one is possible."""
+) -> tuple[Split, list[Instance], Charging | None, list[str]]:
+    """Return instances to train on and to measure on, what a penalised bound needs, and what to say of noise."""
     from optkit.charging import held_out, scenario_charging, scenario_of, worker_charging, worker_settings
     from optkit.splits import read_split
 
     if shares is not None and worker_rate is None:
         raise InputError("--group-share goes with --worker-rate")
+    noise: list[str] = []
     if isinstance(opened, Path):
         split, origin = read_split(opened)
+        if "noise" in origin:
+            noise.append(f"noise: drawn here for {origin['noise']} instances of the folder, which have none")
         if not split.test:
             raise InputError(f"{opened} has no test instances to measure on")
         tested, told = split.test, origin["sets"].get("test", origin["sets"].get("set"))["scenario"]
@@ -145,7 +146,7 @@ def _prepare(
             raise InputError("--worker-rate goes with a folder: a scenario knows its own")
         split, tested, source = opened.split(), held_out(opened, count), opened
     if not charge or (worker_rate is None and source is None):
-        return split, tested, None
+        return split, tested, None, noise
     tell("charging", 0, 1)
     if worker_rate is not None:
         charging = worker_charging(split.train, worker_rate, shares)
@@ -156,7 +157,7 @@ def _prepare(
             drawn = f"instances: drawn from {source.name}, world {source.seed}, as scenario.json says"
             charging = replace(charging, assumptions=(drawn, *charging.assumptions))
     tell("charging", 1, 1)
-    return split, tested, charging
+    return split, tested, charging, noise
 
 
 def _shares(text: str | None) -> list[float] | None:
