@@ -1,4 +1,4 @@
-"""``optkit generate``: instances as a folder that any language can read."""
+"""``optkit generate``: instances as a folder that any language can read, and the benchmark sets."""
 
 from __future__ import annotations
 
@@ -8,14 +8,24 @@ from typing import Annotated, Any
 
 import typer
 
-from optkit.cli.console import open_source, trips_line
-from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
-from optkit.errors import InputError
+from optkit.cli.console import open_source, progress_bar, trips_line
+from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.errors import DataError, InputError
+
+BENCHMARK_ONLY = ("scenarios", "worlds", "check")
+SCENARIO_ONLY = ("seed", "count", "sample_seed", "trips", "mode", "fraction", "settings")
+NAMES = {"settings": "set", "sample_seed": "sample-seed", "scenarios": "scenario", "worlds": "world"}
 
 
 def generate(
-    source: Annotated[str, typer.Argument(help="A scenario: I.1, I.2, I.3, II, nyc-weak or nyc-strong.")],
-    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    context: typer.Context,
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="A scenario (I.1, I.2, I.3, II, nyc-weak or nyc-strong), or benchmark for the benchmark sets."
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option(help="Folder to write; required, but for --check.")] = None,
     seed: Seed = 0,
     count: Annotated[
         int | None, typer.Option(help="Write one set of this many instances, instead of train, test and validation.")
@@ -25,10 +35,39 @@ def generate(
     mode: Mode = None,
     fraction: Fraction = None,
     settings: Setting = None,
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Option("--scenario", help="benchmark: sets of this scenario alone; repeatable.", metavar="NAME"),
+    ] = None,
+    worlds: Annotated[
+        list[int] | None,
+        typer.Option("--world", help="benchmark: sets of this world alone, 0 to 4; repeatable.", metavar="SEED"),
+    ] = None,
+    check: Annotated[Path | None, typer.Option(help="benchmark: verify the sets of this folder.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace instance sets that are there.")] = False,
     as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Draw instances of a scenario and write them: requests, workers and noise as parquet, the rest as JSON."""
+    """Draw instances of a scenario and write them: requests, workers and noise as parquet, the rest as JSON.
+
+    `optkit generate benchmark --out FOLDER` writes the benchmark sets, versioned and checksummed, with their datasheet:
+    scenarios I.1, I.2, I.3 and II in worlds 0 to 4. The same command goes on after an interruption.
+    """
+    benchmark = source.lower() == "benchmark"
+    for name in SCENARIO_ONLY if benchmark else BENCHMARK_ONLY:
+        if _given(context, name):
+            option = NAMES.get(name, name)
+            raise InputError(f"--{option} goes with {'a scenario, not with benchmark' if benchmark else 'benchmark'}")
+    if check is not None:
+        if out is not None or any(_given(context, name) for name in ("scenarios", "worlds", "overwrite")):
+            raise InputError("--check takes a folder and all that it holds: leave the other options out")
+        _check(check, as_json, quiet)
+        return
+    if out is None:
+        raise InputError("--out is missing: name the folder to write")
+    if benchmark:
+        _write(out, scenarios, worlds, overwrite, as_json, quiet)
+        return
     from optkit.splits import PARTS, has_parts
     from optkit.storage import save_instances
     from optkit.storage.save import check_replaceable
@@ -62,3 +101,45 @@ def generate(
         if line is not None:
             typer.echo(line)
         typer.echo(f"{out}: " + ", ".join(f"{size} {part}" for part, size in sizes.items()))
+
+
+def _given(context: typer.Context, name: str) -> bool:
+    """Whether an option was written on the command line, be it with its default."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"
+
+
+def _write(
+    out: Path, scenarios: list[str] | None, worlds: list[int] | None, overwrite: bool, as_json: bool, quiet: bool
+) -> None:
+    from optkit.benchmark_sets import SCENARIOS, VERSION, WORLDS, write_benchmark_sets
+
+    with progress_bar(quiet or as_json) as progress:
+        try:
+            made = write_benchmark_sets(
+                out, scenarios or SCENARIOS, worlds or WORLDS, overwrite=overwrite, progress=progress
+            )
+        except DataError as error:
+            raise DataError(str(error).replace("pass overwrite=True", "pass --overwrite")) from None
+    if as_json:
+        typer.echo(json.dumps({"folder": str(out), "version": VERSION, **made}))
+    else:
+        counts = f"{len(made['written'])} parts written, {len(made['kept'])} kept"
+        typer.echo(f"{out}: version {VERSION}, {_sizes(made)}; {counts}")
+
+
+def _check(folder: Path, as_json: bool, quiet: bool) -> None:
+    from optkit.benchmark_sets import VERSION, check_benchmark_sets
+
+    with progress_bar(quiet or as_json) as progress:
+        found = check_benchmark_sets(folder, progress=progress)
+    if as_json:
+        typer.echo(json.dumps({"folder": str(folder), "version": VERSION, **found}))
+    else:
+        typer.echo(f"{folder}: version {VERSION}, {_sizes(found)}; all files and contents are right")
+
+
+def _sizes(told: dict[str, Any]) -> str:
+    parts = [part for one in told["sets"].values() for part in one.values()]
+    sets = "1 set" if len(told["sets"]) == 1 else f"{len(told['sets'])} sets"
+    return f"{sets}, {sum(part['instances'] for part in parts):,} instances"
