@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -213,8 +214,11 @@ def _joblib(cells: Sequence[Cell], trips: tuple[str, ...], jobs: int) -> Iterato
     # One cell at a time, so that each is kept when it is done and the longest do not end up behind each other.
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
     try:
-        for key, outcome in parallel(delayed(_attempt)(cell, trips) for cell in cells):
-            yield by_key[key], outcome
+        with warnings.catch_warnings():
+            # A process that has grown is replaced, which is as it should be.
+            warnings.filterwarnings("ignore", message="A worker stopped", category=UserWarning)
+            for key, outcome in parallel(delayed(_attempt)(cell, trips) for cell in cells):
+                yield by_key[key], outcome
     except TerminatedWorkerError:
         raise _KilledError("a process was killed, perhaps for want of memory (take fewer processes)") from None
 
