@@ -184,7 +184,11 @@ def _print(one: _Finished) -> None:
     for cell in one.run.cells:
         if cell.key in one.run.failed:
             typer.echo(f"failed: {cell}: {one.run.failed[cell.key]}", err=True)
-    spent = sum(kept.seconds for kept in one.run.found.values())
+    spent: dict[str, float] = {}
+    for cell in one.run.cells:
+        if cell.key in one.run.found:
+            spent[cell.kind] = spent.get(cell.kind, 0.0) + one.run.found[cell.key].seconds
     done = f"{len(one.run.found)} of {len(one.run.cells)} cells, {one.run.fresh} worked out now"
-    typer.echo(f"{done}; {spent:.0f} s of work in all")
+    stages = ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in spent.items())
+    typer.echo(f"{done}; {sum(spent.values()):.0f} s of work in all: {stages}")
     typer.echo(f"report: {one.report}")

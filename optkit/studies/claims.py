@@ -38,6 +38,14 @@ def claims(study: str, tables: Tables) -> list[Claim]:
         ``result`` (the paper's number), ``pattern``, ``paper`` and ``here`` (numbers), ``verdict`` ("reproduced",
         "contradicted", or "not settled" where the draws leave the sign open) and ``why``, where they differ. Empty
         where the tables do not suffice.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> told = {"scenario": "I.1", "group": "all", "epsilon": [0.0, 2.0, 4.0, 6.0], "mbe": 0.0}
+    >>> table = pd.DataFrame({**told, "ratio": [92.0, 89.0, 86.1, 83.0]})
+    >>> [(one["result"], one["verdict"]) for one in claims("sensitivity", {"sensitivity": table})]
+    [(2, 'reproduced')]
     """
     makers = {"homogeneous": _homogeneous, "heterogeneous": _heterogeneous, "sensitivity": _sensitivity, "nyc": _nyc}
     return list(makers[study](tables))

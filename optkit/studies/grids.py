@@ -135,10 +135,28 @@ def installed(names: Sequence[str]) -> list[str]:
 def digest_of(trips: Sequence[str]) -> str:
     """Digest of the contents of trip files, whatever they are called and wherever they are.
 
+    Parameters
+    ----------
+    trips : sequence of str
+        Files, or folders of them.
+
+    Returns
+    -------
+    str
+
     Raises
     ------
     DataError
         If there are none, or one cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "yellow_tripdata.csv").write_text("a,b")
+    ...     digest_of([folder])
+    'fd97daabcebe4451'
     """
     found = []
     for path in find_files(trips):

@@ -87,7 +87,22 @@ Progress = Callable[[int, int, float], object]
 
 
 def expected_seconds(cell: Cell) -> float:
-    """What a cell should take on one core, in seconds."""
+    """What a cell should take on one core.
+
+    Parameters
+    ----------
+    cell : Cell
+
+    Returns
+    -------
+    float
+        Seconds, on the machine of the kept benchmarks.
+
+    Examples
+    --------
+    >>> expected_seconds(Cell("gap", {"scenario": "I.3", "world": 0}, {}))
+    360.0
+    """
     if cell.kind == "policy":
         spec = POLICIES.get(cell.settings["policy"], Spec())
         base = 4.0 if spec.rule == "FP" else POLICY_SECONDS[spec.value]
@@ -97,7 +112,25 @@ def expected_seconds(cell: Cell) -> float:
 
 
 def load(cells: Sequence[Cell], store: CellStore) -> StudyRun:
-    """Return what is finished of some cells."""
+    """Look up what is finished of some cells.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+    store : CellStore
+
+    Returns
+    -------
+    StudyRun
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> cell = Cell("policy", {"scenario": "I.1", "world": 0}, {"policy": "PP", "seed": 0})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     load([cell], CellStore(folder)).missing == [cell]
+    True
+    """
     found = {cell.key: kept for cell in cells if (kept := store.get(cell)) is not None}
     return StudyRun(cells, found)
 
@@ -128,6 +161,11 @@ def run_cells(
         Address of a Dask scheduler, like ``tcp://host:8786``, or "local" for a cluster of ``jobs`` workers here; needs
         ``optkit[dask]``.
     progress : callable, optional
+        See :data:`Progress`.
+
+    Returns
+    -------
+    StudyRun
 
     Raises
     ------

@@ -25,6 +25,7 @@ def study_tables(run: StudyRun) -> dict[str, pd.DataFrame]:
     Parameters
     ----------
     run : StudyRun
+        Of any study, finished or not.
 
     Returns
     -------
@@ -43,6 +44,14 @@ def study_tables(run: StudyRun) -> dict[str, pd.DataFrame]:
         row per kind of request. ``sensitivity`` : one row per perturbation. ``operations`` : what workers got beyond
         their burden, how many were used, how evenly places were served. ``over`` : the same burden, one row per
         accepted request. ``pairs`` : places.
+
+    Examples
+    --------
+    >>> from optkit.studies.store import Stored
+    >>> cell = Cell("estimate", {"scenario": "I.1", "world": 0}, {"choice": "paper", "seed": 0})
+    >>> run = StudyRun([cell], {cell.key: Stored({"error": [[0.5]], "rmse": [0.5], "mbe": [0.5]}, seconds=1.0)})
+    >>> list(study_tables(run))
+    ['estimation']
     """
     import pandas as pd
 
@@ -70,6 +79,16 @@ def hopeful(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of those instances in which every policy has a finite ratio: what means are taken over.
 
     A ratio is -inf where nothing can be gained and a policy loses: no mean can hold it, the table ``rows`` does.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        The table ``rows``.
+
+    Returns
+    -------
+    DataFrame
+        Some of its rows, in their order.
 
     Examples
     --------

@@ -46,7 +46,7 @@ def run_cell(cell: Cell, trips: tuple[str, ...] | None = None) -> Result:
     Raises
     ------
     OptkitError
-        Whatever stands in the way.
+        If the cell cannot be worked out.
 
     Examples
     --------

@@ -36,8 +36,8 @@ def _():
     # 3 · One markup for all
 
     Serving request $i$ now is worth $v_i = r_i - \beta_i\,1[i \text{ expires now}] - \Delta_i$ before paying for it:
-    its reward, the penalty that is avoided, and the opportunity cost of not having it later. Notebook 5 finds
-    $\Delta_i$. Here nothing expires or can wait, so that $v_i = r_i$.
+    its reward and the penalty that is avoided, less the opportunity cost of not having it later. Notebook 5 finds
+    $\Delta_i$. Here there are no penalties, and waiting is worth nothing, so that $v_i = r_i$.
 
     Three requests: the first is yours to shape, the others bring 20 and 15 and have utilities $-11$ and $-6$; to take
     none has utility $u_0 = 0$. Prices may have either sign, as in Lemma 3; notebook 4 forbids negative ones.

@@ -36,8 +36,8 @@ def _():
     # 4 · Nobody pays to work
 
     The problem demands $c_i \ge 0$ (paper, section 2), but Lemma 3 may ask for negative prices. The paper sets those
-    to 0 and keeps the others, and says that nothing is lost. Something can be lost: take a request that workers like
-    so much that they would do it for nothing, while the platform would rather keep it.
+    to 0, keeps the others, and says that this does no harm in practice. It can: take a request that workers like so
+    much that they would do it for nothing, while the platform would rather keep it.
 
     Requests 1 and 2 are worth 8 each and have utilities $1$ and $-4$; to take none has utility $u_0 = 0$. Request 3 is
     yours to shape.
@@ -264,8 +264,8 @@ def _():
     ## Where clipping loses
 
     Two things must come together: a value below the markup, so that the free price is negative, and a utility that
-    makes workers take the request for nothing. Unpopular requests lose nothing; they are what
-    the paper had in mind.
+    makes workers take the request for nothing. Unpopular requests lose next to nothing; they are
+    what the paper had in mind.
     """)
     return
 

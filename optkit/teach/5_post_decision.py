@@ -79,7 +79,8 @@ def _():
 
     Before the decision the platform sees the open requests $R_t$ and the worker, if there is one. After it, whoever
     was chosen has left, the expired have left, and nothing new has come yet: the *post-decision state* (paper, sections
-    2 and 3.1). From there on only arrivals are random; up to there only the worker's choice is.
+    2 and 3.1). From there to the next decision only arrivals are random; up to there
+    only the worker's choice is.
     """)
     return
 
