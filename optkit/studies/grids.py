@@ -143,6 +143,7 @@ def digest_of(trips: Sequence[str]) -> str:
     Returns
     -------
     str
+        Sixteen hexadecimal digits.
 
     Raises
     ------

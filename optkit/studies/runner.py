@@ -92,6 +92,7 @@ def expected_seconds(cell: Cell) -> float:
     Parameters
     ----------
     cell : Cell
+        What is to be worked out.
 
     Returns
     -------
@@ -117,11 +118,14 @@ def load(cells: Sequence[Cell], store: CellStore) -> StudyRun:
     Parameters
     ----------
     cells : sequence of Cell
+        The study's, in the order of its tables.
     store : CellStore
+        Where results are kept.
 
     Returns
     -------
     StudyRun
+        The finished cells.
 
     Examples
     --------
@@ -152,7 +156,9 @@ def run_cells(
     Parameters
     ----------
     cells : sequence of Cell
+        The study's, in the order of its tables.
     store : CellStore
+        Where results are kept.
     trips : tuple of str
         Files of trip records; with ``dask`` on several machines, every one of these must find them there.
     jobs : int
@@ -166,6 +172,7 @@ def run_cells(
     Returns
     -------
     StudyRun
+        Results, and why a cell has none.
 
     Raises
     ------

@@ -35,6 +35,7 @@ def run_cell(cell: Cell, trips: tuple[str, ...] | None = None) -> Result:
     Parameters
     ----------
     cell : Cell
+        What to work out.
     trips : tuple of str, optional
         Files of trip records, for the scenarios of New York; the cell's place holds their digest.
 
