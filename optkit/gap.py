@@ -359,6 +359,9 @@ def _said(
     if drawn:
         told.append(f"noise: drawn here for {drawn} instances, for the full-information bound")
     if "penalised" in kinds and foresight is not None:
+        told.append(
+            "money: without the luck of the arrivals, as far as the best policy's charges tell it; points: with it"
+        )
         score = presence_score(instances, foresight)
         told.append(
             f"workers: {abs(score):.1f} standard errors {'more' if score > 0 else 'fewer'} were seen than foretold"

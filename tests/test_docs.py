@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from optkit.cli import main
 from optkit.main_job import run_main_job
 from optkit.scenarios import scenario
 
@@ -43,6 +44,22 @@ def test_readme_shows_the_table_that_the_main_job_gives():
             assert re.search(
                 rf"(?<![\d.]){number:.{1 if number == 100 * row['served'] else 2}f}(?!\d)", shown[row["policy"]]
             )
+
+
+def test_readme_shows_the_prices_of_its_requests(tmp_path, monkeypatch, capsys):
+    """The command prices the file that the README shows as the README says."""
+    block = r"<!-- {} -->\n```text\n(.*?)```"
+    requests, prices = (
+        re.search(block.format(name), (ROOT / "README.md").read_text(), re.DOTALL).group(1)
+        for name in ("requests", "prices")
+    )
+    (tmp_path / "requests.csv").write_text(requests)
+    monkeypatch.setattr("sys.argv", ["optkit", "price", str(tmp_path / "requests.csv")])
+    with pytest.raises(SystemExit):
+        main()
+    printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    shown = [line.rstrip() for line in prices.splitlines()]
+    assert shown == printed[printed.index(shown[0]) :][: len(shown)]
 
 
 def test_readme_links_lead_somewhere():

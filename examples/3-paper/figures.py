@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from optkit.plots import figure_bytes
+from optkit.studies.claims import claims
 from optkit.studies.figures import study_figures
 from optkit.studies.grids import Study
 from optkit.studies.runner import load, run_cells
@@ -19,18 +20,19 @@ from optkit.studies.tables import study_tables
 
 READING = {
     "perf_syn": "Each box is a policy on the same test instances: quartiles, whiskers, and the mean beneath. 100 is a "
-    "clairvoyant. Who knows or has learned preferences stands apart from the rules FP and PP.",
-    "perf_syn_2": "With three groups of workers one model for all is too little: it believes in an average worker whom "
-    "nobody is. A model for each group comes close to knowing the truth.",
+    "clairvoyant. Look how far those who know or have learned preferences stand above the rules FP and PP.",
+    "perf_syn_2": "The same with three groups of workers. A single model believes in an average worker whom nobody is: "
+    "compare it with a model for each group, and with the truth.",
     "sens_syn": "Each bubble is one perturbed belief: its size and number are the ratio, its colour the mean error. "
-    "Beliefs that overestimate how much workers like requests pay too little, and lose more than the others.",
+    "Compare dark bubbles, whose beliefs overestimate how much workers like requests, with light ones.",
     "sens_syn_2": "The same with three groups: an error about one of them touches a third of the workers, one "
-    "about all touches everybody.",
+    "about all touches everybody. Compare the lines of a group with those of all.",
     "utility_scen_2": "What requests are worth to each group before pay, by type: where the histograms of two groups "
     "do not overlap, one price cannot suit both.",
     "mnl_momnl": "True less estimated utility. A single model is wrong by as much as the groups differ; separate "
-    "models are wrong by what the data leave open: much, with the paper's random offers alone.",
+    "models by what the data leave open. Compare the paper's random offers with re-estimation.",
 }
+"""How to read a figure; what it shows is said by numbers."""
 
 
 def results(folder: Path | None, name: str):
@@ -48,7 +50,8 @@ def main(source: str | None = None, target: str | None = None) -> None:
     """Draw the figures of three studies and say what they show."""
     folder = None if source is None else Path(source)
     for name in ("homogeneous", "heterogeneous", "sensitivity"):
-        for label, figure in study_figures(results(folder, name)).items():
+        tables = results(folder, name)
+        for label, figure in study_figures(tables).items():
             kind = label if label in READING else label.rpartition("_")[0]
             print(f"{label}: {READING[kind]}\n")
             image = figure_bytes(figure.axes[0], "png")
@@ -56,6 +59,11 @@ def main(source: str | None = None, target: str | None = None) -> None:
             if target is not None:
                 Path(target).mkdir(parents=True, exist_ok=True)
                 (Path(target) / f"{label}.png").write_bytes(image)
+        found = claims(name, tables)
+        assert found
+        for one in found:
+            print(f"Result {one['result']}, {one['verdict']}: {one['pattern']}")
+            print(f"    the paper: {one['paper']}\n    here: {one['here']}\n")
 
 
 if __name__ == "__main__":

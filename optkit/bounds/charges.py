@@ -4,7 +4,7 @@ With S the set that waits after step t, xi what the next step brings, and G the 
 
 .. math:: z_t(S) = G_{t+1}(S, \xi_{t+1}) - E\,[G_{t+1}(S, \xi) \mid \text{past}], \qquad
           G_{t+1}(S, \xi) = \sum_{i \in S' \text{ expires}} \beta_i + 1[\text{worker of group } g]\, \varphi_g(S')
-          + V_{t+1}(S'), \quad S' = S \cup \text{arrivals}
+          + V_{t+1}(S' \setminus \text{expired}), \quad S' = S \cup \text{arrivals}
 
 has mean zero whatever one does without foresight, for any V at all (information relaxation: Brown, Smith and Sun 2010;
 design section 4, "Penalised bound"). Worker and group enter the expectation exactly, arrivals by independent draws.
