@@ -320,12 +320,13 @@ def test_a_folder_that_cannot_be_written_is_said(small, tmp_path):
     assert "cannot be written" in done.stderr
 
 
-def test_interruption_is_said_and_leaves_nothing(tmp_path):
-    """Ctrl-C ends a run with one line, exit status 130 and no results folder."""
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_interruption_is_said_and_leaves_nothing(tmp_path, sent):
+    """Ctrl-C and a scheduler's SIGTERM end a run with one line, exit status 130 and no results folder."""
     command = [sys.executable, "-c", "from optkit.cli import main; main()", "run", "I.1", "--out", str(tmp_path / "r")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         time.sleep(2.5)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(sent)
         _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "interrupted" in told
@@ -333,7 +334,9 @@ def test_interruption_is_said_and_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "generate", "bound", "price", "certify"])
+@pytest.mark.parametrize(
+    "verb", ["run", "generate", "bound", "price", "certify", "fit", "train", "evaluate", "study", "teach"]
+)
 def test_every_verb_has_help(verb):
     """--help explains every verb."""
     assert "Usage" in optkit(verb, "--help", check=0).stdout

@@ -109,6 +109,8 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, tmp_path, monke
         (["homogeneous", "--worlds", "1,1"], "--worlds 1,1"),
         (["homogeneous", "--worlds", "many"], "--worlds many"),
         (["homogeneous", "--set", "horizont=3"], "no setting 'horizont'"),
+        (["homogeneous", "--set", "horizon=-3"], "horizon = -3"),
+        (["sensitivity", "--set", "split=20,4"], "split"),
         (["heterogeneous", "--dask", "tcp://127.0.0.1:9"], "no Dask scheduler"),
     ],
 )

@@ -47,6 +47,8 @@ for verb in (run, generate, bound, certify, price, collect, fit, train, evaluate
 def main() -> None:
     """Run the command line; errors of optkit become one line and exit status 2."""
     signal.signal(signal.SIGINT, _interrupted)
+    # A scheduler's polite end is an interruption too: worker processes must not outlive this one.
+    signal.signal(signal.SIGTERM, _interrupted)
     try:
         app()
     except OptkitError as error:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
 
-SCHEMA = 1
+SCHEMA = 2
 """Raised when cells come to mean something else, so that results of before are not taken for results of now."""
 
 Kind = Literal["bounds", "utilities", "policy", "estimate", "perturbed", "gap"]

@@ -9,9 +9,11 @@ from importlib.util import find_spec
 from typing import Any
 
 from optkit.errors import DataError, InputError
+from optkit.scenarios import adjust
 from optkit.studies.cells import Cell, Place
 from optkit.studies.policies import POLICIES
 from optkit.trip_files import find_files
+from optkit.world import TABLE_1
 
 STUDIES = ("homogeneous", "heterogeneous", "sensitivity", "nyc")
 """Sections 5.1, 5.2, both with fig:sens_syn and fig:sens_syn_2, and 5.3 of the paper."""
@@ -30,7 +32,14 @@ _HOMOGENEOUS = (
     "FP",
     "PP",
 )
-_HETEROGENEOUS = (*_HOMOGENEOUS[:-2], "Linear, single MNL, paper's data", "Linear, single MNL", "FP", "PP")
+_HETEROGENEOUS = (
+    *_HOMOGENEOUS[:-2],
+    "Linear, single MNL, paper's data",
+    "Attention, single MNL, paper's data",
+    "Linear, single MNL",
+    "FP",
+    "PP",
+)
 
 
 @dataclass(frozen=True)
@@ -69,6 +78,10 @@ class Study:
             raise InputError(f"seeds = {self.seeds!r} must be a whole number of at least 1")
         if self.name == "nyc" and not self.trips:
             raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
+        # Checked before there are cells that all fail of it; and 12.0 is the same setting as 12.
+        adjusted = {name: adjust(TABLE_1[name], dict(self.settings)) for name in self.scenarios}
+        told = {name: getattr(adjusted[self.scenarios[0]], name) for name in self.settings}
+        object.__setattr__(self, "settings", told)
 
     @property
     def scenarios(self) -> tuple[str, ...]:

@@ -18,9 +18,6 @@ from optkit.studies.policies import POLICIES, Spec
 from optkit.studies.store import CellStore, Stored
 from optkit.studies.work import Result, run_cell
 
-RESTARTS = 3
-"""Times that processes which were killed are replaced before the study gives up; what is finished is not lost."""
-
 SECONDS: dict[str, float] = {"bounds": 10.0, "utilities": 1.0, "estimate": 1.5, "perturbed": 2.0, "gap": 120.0}
 """What a cell takes on one core by kind, measured on I.1: for the plan, and so that the longest begin first."""
 
@@ -179,7 +176,7 @@ def run_cells(
     InputError
         If the number of processes is negative, or there is no such scheduler.
     OptkitError
-        If the disk refuses, or processes are killed again and again.
+        If the disk refuses.
 
     Examples
     --------
@@ -200,31 +197,40 @@ def run_cells(
     spent, expected = 0.0, 0.0
     if progress is not None:
         progress(total - len(run.missing), total, left / jobs)
+
+    def keep(cell: Cell, outcome: Outcome) -> None:
+        nonlocal left, spent, expected
+        left -= expected_seconds(cell)
+        if outcome.result is None:
+            run.failed[cell.key] = str(outcome.error)
+        else:
+            store.put(cell, outcome.result, outcome.seconds)
+            run.found[cell.key] = Stored(outcome.result, outcome.seconds)
+            run.fresh += 1
+            spent, expected = spent + outcome.seconds, expected + expected_seconds(cell)
+        if progress is not None:
+            pace = spent / expected if expected else 1.0
+            progress(len(run.found) + len(run.failed), total, max(left, 0.0) * pace / jobs)
+
+    def waiting() -> list[Cell]:
+        found = (cell for cell in run.missing if cell.key not in run.failed)
+        return sorted(found, key=expected_seconds, reverse=True)
+
     with _engine(jobs, dask) as engine:
-        for attempt in range(RESTARTS + 1):
-            waiting = sorted(
-                (cell for cell in run.missing if cell.key not in run.failed), key=expected_seconds, reverse=True
-            )
+        while True:
             try:
-                for cell, outcome in engine(waiting, trips):
-                    left -= expected_seconds(cell)
-                    if outcome.result is None:
-                        run.failed[cell.key] = str(outcome.error)
-                    else:
-                        store.put(cell, outcome.result, outcome.seconds)
-                        run.found[cell.key] = Stored(outcome.result, outcome.seconds)
-                        run.fresh += 1
-                        spent, expected = spent + outcome.seconds, expected + expected_seconds(cell)
-                    if progress is not None:
-                        pace = spent / expected if expected else 1.0
-                        progress(len(run.found) + len(run.failed), total, max(left, 0.0) * pace / jobs)
+                for cell, outcome in engine(waiting(), trips):
+                    keep(cell, outcome)
                 return run
-            except _KilledError as error:
-                if attempt == RESTARTS:
-                    raise OptkitError(
-                        f"{error}: what is finished stays, and the same command goes on from there"
-                    ) from None
-    return run
+            except _KilledError:
+                # Which cell it was is not known, only that joblib hands out twice as many as there are processes. Each
+                # of these is tried alone, so that one that always kills its process does not take the others with it.
+                for suspect in waiting()[: 2 * jobs]:
+                    try:
+                        for cell, outcome in engine([suspect], trips):
+                            keep(cell, outcome)
+                    except _KilledError as error:
+                        keep(suspect, Outcome(None, 0.0, str(error)))
 
 
 class _KilledError(Exception):
@@ -265,7 +271,7 @@ def _joblib(cells: Sequence[Cell], trips: tuple[str, ...], jobs: int) -> Iterato
             for key, outcome in parallel(delayed(_attempt)(cell, trips) for cell in cells):
                 yield by_key[key], outcome
     except TerminatedWorkerError:
-        raise _KilledError("a process was killed, perhaps for want of memory (take fewer processes)") from None
+        raise _KilledError("its process was killed, perhaps for want of memory (take fewer processes)") from None
 
 
 @contextmanager
@@ -289,7 +295,7 @@ def _dask(jobs: int, address: str) -> Iterator[_Engine]:
             raise InputError(f"the Dask scheduler at {address} has no workers: start some with dask worker {address}")
 
         def engine(cells: Sequence[Cell], trips: tuple[str, ...]) -> Iterator[tuple[Cell, Outcome]]:
-            with parallel_config("dask", client=client, pure=False):
+            with parallel_config(_backend(client)):
                 yield from _joblib(cells, trips, -1)
 
         yield engine
@@ -299,12 +305,33 @@ def _dask(jobs: int, address: str) -> Iterator[_Engine]:
             cluster.close()
 
 
+def _backend(client: Any) -> Any:
+    """Return joblib's backend for Dask, mended: it never tells of tasks that Dask itself gives up, and so waits on."""
+    from joblib._dask import DaskDistributedBackend
+
+    class Backend(DaskDistributedBackend):  # type: ignore[misc]
+        def submit(self, func: Any, callback: Any = None) -> Any:
+            cell = func.items[0][1][0]
+
+            def tell(done: Any) -> None:
+                if not done.cancelled() and (error := done.exception()) is not None:
+                    callback([(cell.key, Outcome(None, 0.0, f"{type(error).__name__}: {error}"))])
+
+            future = super().submit(func, callback)
+            future.add_done_callback(tell)
+            return future
+
+    return Backend(client=client, pure=False)
+
+
 def _attempt(cell: Cell, trips: tuple[str, ...]) -> tuple[str, Outcome]:
     """Work a cell out, and say why if that fails. One BLAS thread, so that the last digit is the same everywhere."""
     from threadpoolctl import threadpool_limits
 
     started = time.perf_counter()
     try:
+        if str(POLICIES.get(cell.settings.get("policy", ""), Spec()).value).startswith("attention"):
+            import optkit.models.attention_network  # noqa: F401  # what is loaded later would keep its threads
         with threadpool_limits(1):
             result = json.loads(to_json(run_cell(cell, trips)))  # as it will be read again
         return cell.key, Outcome(result, time.perf_counter() - started, None)

@@ -12,7 +12,7 @@ from optkit.batch import Batch
 from optkit.bounds import arrival_information, full_information
 from optkit.bounds.bound import prove
 from optkit.charging import scenario_charging
-from optkit.errors import InputError
+from optkit.errors import DataError, InputError
 from optkit.gap import gap_report
 from optkit.instance import Floats, Instance, Ints
 from optkit.learning import learn_once, learn_preferences
@@ -22,6 +22,7 @@ from optkit.policies import PostDecisionPricing
 from optkit.scenarios import Scenario, Split, scenario
 from optkit.simulator import Policy, simulate
 from optkit.studies.cells import Cell, Kind, Place
+from optkit.studies.grids import digest_of
 from optkit.studies.policies import CHOICES, POLICIES, Spec
 from optkit.training import train
 from optkit.tuning import tune_formula, tune_reward_percentage
@@ -62,7 +63,7 @@ def run_cell(cell: Cell, trips: tuple[str, ...] | None = None) -> Result:
 
 def _name(place: Place) -> tuple[Any, ...]:
     settings = tuple((name, tuple(v) if isinstance(v, list) else v) for name, v in place.get("set", {}).items())
-    return (place["scenario"], place["world"], settings)
+    return (place["scenario"], place["world"], settings, place.get("trips"))
 
 
 def _source(place: Place, trips: tuple[str, ...] | None) -> Scenario:
@@ -71,7 +72,9 @@ def _source(place: Place, trips: tuple[str, ...] | None) -> Scenario:
 
 @lru_cache(maxsize=2)
 def _scenario(name: tuple[Any, ...], trips: tuple[str, ...] | None) -> Scenario:
-    key, world, settings = name
+    key, world, settings, digest = name
+    if digest is not None and digest_of(trips or ()) != digest:
+        raise DataError("the trip files here are not those that the study was planned with: start it again")
     return scenario(
         key, seed=world, trips=list(trips or ()) or None if key.startswith("nyc") else None, **dict(settings)
     )
@@ -203,7 +206,10 @@ def _requests(source: Scenario, test: Sequence[Instance]) -> tuple[Result, tuple
 def _perturbed(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
     """Reward of a policy that believes perturbed preferences, and how far these are off in the mean."""
     groups = settings.get("groups")
-    believed = perturb(true_preferences(source), settings["epsilon"], int(settings["draw"]), groups=groups)
+    # Directions of their own for each choice of groups: the same one for all would say the same thing three times.
+    who = 0 if groups is None else 1 + sum(1 << group for group in groups)
+    rng = np.random.default_rng([int(settings["draw"]), who])
+    believed = perturb(true_preferences(source), settings["epsilon"], rng, groups=groups)
     # No validation: who believes what is wrong does not know it, and training is not to be refused for it.
     policy = train(split.train, settings["value"], choice=believed, seed=int(settings["seed"])).policy
     outcome = simulate(split.test, policy)

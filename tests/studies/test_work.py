@@ -4,12 +4,13 @@ import json
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from optkit import simulate
 from optkit.bounds import arrival_information, full_information
 from optkit.charging import scenario_charging
-from optkit.errors import InputError, TrainingError
+from optkit.errors import DataError, InputError, TrainingError
 from optkit.gap import gap_report
 from optkit.learning import learn_once, learn_preferences
 from optkit.perturbation import perturb, true_preferences
@@ -17,7 +18,8 @@ from optkit.plain import to_json
 from optkit.policies import PostDecisionPricing
 from optkit.scenarios import scenario
 from optkit.studies import work
-from optkit.studies.cells import Cell
+from optkit.studies.cells import SCHEMA, Cell
+from optkit.studies.grids import digest_of
 from optkit.studies.policies import POLICIES, Spec
 from optkit.studies.work import run_cell
 from optkit.training import train
@@ -114,7 +116,8 @@ def test_errors_of_utilities_are_true_less_estimated():
 def test_perturbed_policies_believe_what_they_are_told(groups):
     more = {} if groups is None else {"groups": groups}
     found = cell("perturbed", epsilon=4.0, draw=5, value="linear", seed=0, **more)
-    believed = perturb(true_preferences(SOURCE), 4.0, 5, groups=groups)
+    rng = np.random.default_rng([5, 0 if groups is None else 3])
+    believed = perturb(true_preferences(SOURCE), 4.0, rng, groups=groups)
     policy = train(SPLIT.train, "linear", choice=believed, seed=0).policy
     np.testing.assert_allclose(found["reward"], simulate(SPLIT.test, policy).reward, rtol=1e-12)
     moved = [group for group in range(3) if abs(found["mbe"][group]) > 1e-9]
@@ -134,6 +137,23 @@ def test_the_gap_is_the_report_s(monkeypatch):
     assert not any("seconds" in row for row in found["bounds"])
 
 
+def test_trips_that_are_not_those_of_the_plan_are_refused(tmp_path):
+    """Also when the scenario was made before: a place's digest, not the path, says which trips are meant."""
+    file = tmp_path / "a_tripdata.csv"
+    place = {"scenario": "nyc-weak", "world": 0, "set": {"split": [1, 1, 1]}}
+    rewards = []
+    for minutes in (12, 20):
+        times = np.datetime64("2018-01-01T07:00") + np.arange(30_000) * np.timedelta64(1, "m")
+        ends = times + np.timedelta64(minutes, "m")
+        zones = {"PULocationID": 261, "DOLocationID": 236}
+        pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(file, index=False)
+        one = Cell("policy", {**place, "trips": digest_of([str(file)])}, {"policy": "Myopic, true MNL", "seed": 0})
+        rewards.append(run_cell(one, (str(file),))["reward"])
+    assert rewards[0] != rewards[1]
+    with pytest.raises(DataError, match="not those that the study was planned with"):
+        run_cell(Cell("policy", {**place, "trips": "0" * 16}, {"policy": "Myopic, true MNL", "seed": 0}), (str(file),))
+
+
 def test_the_same_cell_gives_the_same_result():
     one = Cell("policy", PLACE, {"policy": "Kernel, true MNL", "seed": 1})
     assert run_cell(one) == run_cell(one)
@@ -148,3 +168,30 @@ def test_names_say_what_policies_are():
         cell("policy", policy="Guess", seed=0)
     with pytest.raises(InputError, match="choice = 'true'"):
         cell("estimate", choice="true", seed=0)
+
+
+FROZEN = {
+    ("bounds", "arrival"): ({}, 623.3045680688613),
+    ("policy", "reward", "myopic"): ({"policy": "Myopic, re-estimated", "seed": 0}, 627.2156462549474),
+    ("policy", "reward", "linear"): ({"policy": "Linear, true MNL", "seed": 0}, 618.204029001787),
+    ("policy", "reward", "kernel"): ({"policy": "Kernel, true MNL", "seed": 0}, 619.2046835470047),
+    ("policy", "reward", "rule"): ({"policy": "FP", "seed": 0}, 433.6977725799239),
+    ("estimate", "rmse"): ({"choice": "paper", "seed": 0}, 40.10008156441114),
+    ("perturbed", "reward"): (
+        {"epsilon": 4.0, "draw": 0, "groups": [1], "value": "linear", "seed": 0},
+        616.8748890058362,
+    ),
+}
+"""Sums of the results of tiny cells with SCHEMA 2."""
+
+
+@pytest.mark.parametrize("name", FROZEN, ids=" ".join)
+def test_what_cells_mean_has_not_changed(name):
+    """A default that changes gives other results under the same key. If it was meant, raise SCHEMA and freeze anew.
+
+    To 1e-4, because machines round differently, and k-means may break a tie the other way.
+    """
+    settings, total = FROZEN[name]
+    place = {"scenario": "II", "world": 0, "set": {"horizon": 12, "split": [20, 4, 4]}}
+    assert SCHEMA == 2
+    assert np.sum(run_cell(Cell(name[0], place, settings))[name[1]]) == pytest.approx(total, rel=1e-4)
