@@ -18,19 +18,20 @@ from optkit.studies.policies import POLICIES, Spec
 from optkit.studies.store import CellStore, Stored
 from optkit.studies.work import Result, run_cell
 
-SECONDS: dict[str, float] = {"bounds": 10.0, "utilities": 1.0, "estimate": 1.5, "perturbed": 2.0, "gap": 120.0}
+SECONDS: dict[str, float] = {"bounds": 1.2, "utilities": 0.5, "estimate": 0.8, "perturbed": 1.0, "gap": 95.0}
 """What a cell takes on one core by kind, measured on I.1: for the plan, and so that the longest begin first."""
 
 POLICY_SECONDS: dict[str | None, float] = {
-    None: 1.0,
-    "linear": 2.0,
-    "kernel": 3.0,
-    "attention": 20.0,
-    "attention-printed": 40.0,
+    None: 0.5,
+    "linear": 1.5,
+    "kernel": 1.5,
+    "attention": 7.5,
+    "attention-printed": 15.0,
 }
 
-BUSY = {"I.2": 0.6, "I.3": 3.0, "II": 2.0}
-"""How much longer a cell of another scenario takes than one of I.1."""
+BUSY = {"I.2": 0.6, "I.3": 2.5, "II": 2.0, "nyc-weak": 0.6, "nyc-strong": 0.6}
+GAP_BUSY = {"I.2": 0.65, "I.3": 4.2, "II": 3.0, "nyc-weak": 0.2, "nyc-strong": 0.2}
+"""How much longer a cell of another scenario takes than one of I.1, and the cell of its gap."""
 
 
 class Outcome(NamedTuple):
@@ -99,14 +100,14 @@ def expected_seconds(cell: Cell) -> float:
     Examples
     --------
     >>> expected_seconds(Cell("gap", {"scenario": "I.3", "world": 0}, {}))
-    360.0
+    399.0
     """
     if cell.kind == "policy":
         spec = POLICIES.get(cell.settings["policy"], Spec())
-        base = 4.0 if spec.rule == "FP" else POLICY_SECONDS[spec.value]
+        base = 6.0 if spec.rule == "FP" else POLICY_SECONDS[spec.value]
     else:
         base = SECONDS[cell.kind]
-    return base * BUSY.get(cell.place["scenario"], 1.0)
+    return base * (GAP_BUSY if cell.kind == "gap" else BUSY).get(cell.place["scenario"], 1.0)
 
 
 def load(cells: Sequence[Cell], store: CellStore) -> StudyRun:
