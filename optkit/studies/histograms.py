@@ -69,8 +69,9 @@ def histogram_rows(ax: Axes, rows: pd.DataFrame, by: str, value: str, edges: Flo
             continue
         mean = float(np.average(own[value], weights=own["count"]))
         ax.plot([mean, mean], [base, base + TALL], color="black", linewidth=1.2)
+        said = f"{round(mean, 2) + 0.0:.2f}"  # never "-0.00"
         ax.annotate(
-            f"{round(mean, 2) + 0.0:.2f}", (1.0, base + 0.45), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+            said, (1.0, base + 0.45), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
             va="center", fontsize=8,
         )  # fmt: skip
     ax.set_yticks([len(names) - 0.55 - i for i in range(len(names))], list(names))
