@@ -8,6 +8,7 @@ is needed, and one backward sweep over the steps suffices: the target of a step 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Protocol, Self
 
@@ -69,7 +70,7 @@ class Term(Protocol):
         ...
 
 
-class _LinearInTerms(BaseEstimator):  # type: ignore[misc]
+class _LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
     r"""A value function :math:`V_t(S) = \sum_{i \in S} \beta_i + U_t(S)` with U linear in coefficients, by step.
 
     Were every waiting request to expire, the penalties would be its value. What serving adds, U, is the value of the
@@ -82,8 +83,9 @@ class _LinearInTerms(BaseEstimator):  # type: ignore[misc]
     coef_: Floats
     residual_: float
 
+    @abstractmethod
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
-        raise NotImplementedError
+        """Return what the value is linear in."""
 
     def fit(self, experience: SetExperience, y: None = None) -> Self:
         """Fit all coefficients in one backward sweep; nothing is kept of an earlier fit.

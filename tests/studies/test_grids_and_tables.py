@@ -1,6 +1,7 @@
 """Which cells a study has, and what its tables make of them, recomputed by hand."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from optkit import performance_ratio
@@ -9,6 +10,7 @@ from optkit.metrics import mean_interval
 from optkit.studies import grids
 from optkit.studies.cells import Cell
 from optkit.studies.claims import claims
+from optkit.studies.claims_nyc import _fair, _Operations, _paid
 from optkit.studies.grids import Study, digest_of
 from optkit.studies.runner import StudyRun, expected_seconds
 from optkit.studies.store import Stored
@@ -254,3 +256,25 @@ def test_claims_of_the_homogeneous_study_follow_the_numbers():
     assert "I.1: 93.4 % against 80.5 % (FP)" in found[0]["here"]
     assert found[0]["why"]
     assert found[1]["why"]
+
+
+@pytest.mark.parametrize(
+    ("fp", "verdicts"),
+    [([9.0, 9.2, 9.1], ["reproduced"]), ([1.0, 9.0, 2.1], ["not settled"]), ([1.0, 1.1, 0.9], ["contradicted"])],
+)
+def test_what_is_paid_is_compared_world_by_world(fp, verdicts):
+    """PP pays 7 more in each of three worlds; FP more, now more and now less, or less."""
+    rows = []
+    for scenario in ("nyc-weak", "nyc-strong"):
+        for world in range(3):
+            paid = {"Linear, true MNL": 2.0, "Linear, paper's data": 2.0 + 0.1 * world, "PP": 9.0, "FP": fp[world]}
+            for policy_name, over in paid.items():
+                uneven = 5.0 if scenario == "nyc-weak" else 20.0 + world
+                row = {"scenario": scenario, "world": world, "policy": policy_name, "over": over, "utilised": 50.0}
+                rows.append({**row, "acceptance_cv": uneven + (policy_name != "Linear, true MNL")})
+    seen = _Operations(pd.DataFrame(rows))
+    paid_claim = _paid(seen, ("nyc-weak", "nyc-strong"))
+    assert [paid_claim["verdict"]] == verdicts
+    assert "learned pays less by +6.90 [+6.65, +7.15] than PP" in paid_claim["here"]
+    strong_less_even, alike = _fair(seen, ("nyc-weak", "nyc-strong"))
+    assert (strong_less_even["verdict"], alike["verdict"]) == ("reproduced", "not settled")
