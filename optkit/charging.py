@@ -35,8 +35,9 @@ them, 5,000 instances leave three quarters of the gap that 1,500 leave, and 12,0
 POOL = 7_200
 """Instances from which arrivals are drawn that might have come instead: enough of their own for each of 120."""
 
-POOL_STREAM, TRAINING_STREAM, TEST_STREAM = 2, 3, 4
-"""Spawn keys of the world's seed; samples have (0,), (1,), ... below theirs, and splits (1, 0), (1, 1), ..."""
+POOL_STREAM, TEST_STREAM = 2, 4
+"""Spawn keys of the world's seed; samples have (0,), (1,), ... below theirs, splits (1, 0), (1, 1), ..., and further
+training instances (3, 0), (3, 1), ..."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +133,13 @@ def scenario_charging(
     share, presence = np.full(groups, 1.0 / groups), fifo_presence(rate, max(LONGEST, source.settings.horizon))
     if training is None:
         training = min(MOST, round(TRAINING / max(1.0, source.settings.request_rate * source.settings.horizon)))
+    fitted = train(source.training(training), one, choice="true")
     if isinstance(source, TripScenario):
-        # The split keeps half-hours apart: those to train on may be realised as often as one likes.
-        own = source.order(len(source.split().train), np.random.SeedSequence(source.seed, spawn_key=(1,)))
-        seeds = _stream(source, TRAINING_STREAM).spawn(training)
-        realised = [source.instance(seed, own[i % len(own)]) for i, seed in enumerate(seeds)]
-        fitted = train(realised, one, choice="true")
-        foresight = Foresight(presence, share)
-        told = f"value function: trained on {training} realisations of the split's {len(own)} training half-hours"
+        foresight, own = Foresight(presence, share), len(source.training_episodes())
+        told = f"value function: trained on {training} realisations of the split's {own} training half-hours"
         return Charging(
             fitted.value, foresight, fitted.policy, (workers, "requests: nothing is assumed, nor charged for", told)
         )
-    fitted = train(source.sample(training, _stream(source, TRAINING_STREAM)), one, choice="true")
     others = tuple(_bare(day) for day in source.sample(pool, _stream(source, POOL_STREAM)))
     nothing = float(np.exp(-source.settings.request_rate))
     foresight = Foresight(presence, share, others, nothing, draws=draws)

@@ -112,7 +112,29 @@ class TripScenario(Scenario):
             If there are fewer episodes than parts.
         """
         sizes = _shrunk(self.settings.split, len(self.episodes))
-        return cut(self.sample(sum(sizes), np.random.SeedSequence(self.seed, spawn_key=(1,))), sizes)
+        return cut(self.sample(sum(sizes), self._split_seed), sizes)
+
+    def training(self, count: int) -> list[Instance]:
+        """Realise the split's training half-hours anew, one after the other; see the base class.
+
+        Raises
+        ------
+        InputError
+            If ``count`` is negative.
+        DataError
+            As :meth:`split`.
+        """
+        check_count(count)
+        own = self.training_episodes()
+        return [self.instance(seed, own[i % len(own)]) for i, seed in enumerate(self._training_seed.spawn(count))]
+
+    def training_episodes(self) -> list[int]:
+        """Return the number of the episode behind each of the split's training instances."""
+        return self.order(_shrunk(self.settings.split, len(self.episodes))[0], self._split_seed)
+
+    @property
+    def _split_seed(self) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.seed, spawn_key=(1,))
 
     def describe(self) -> dict[str, Any]:
         """Name, seed, settings, mode, fraction and source of the trips as plain data."""

@@ -14,6 +14,9 @@ from optkit.instance import Instance
 from optkit.seeds import check_count, seed_sequence
 from optkit.world import TABLE_1, Settings, World, furnish, poisson_requests
 
+TRAINING_STREAM = 3
+"""Spawn key, below the world's seed, of further training instances; :mod:`optkit.charging` has others."""
+
 
 class Split(NamedTuple):
     """Instances to learn from, to report on, and to choose between models with.
@@ -85,6 +88,29 @@ class Scenario:
         """Training, test and validation instances, fixed by the world's seed (480/120/30 in the paper)."""
         drawn = self.sample(sum(self.settings.split), np.random.SeedSequence(self.seed, spawn_key=(1,)))
         return cut(drawn, self.settings.split)
+
+    def training(self, count: int) -> list[Instance]:
+        """Draw ``count`` further training instances, fixed by the world's seed: as many as one likes.
+
+        None is in the split, nor in any sample. A scenario with trips realises the split's training half-hours anew,
+        one after the other, and never those to test on.
+
+        Raises
+        ------
+        InputError
+            If ``count`` is negative.
+
+        Examples
+        --------
+        >>> len(scenario("I.2", seed=0).training(3))
+        3
+        """
+        return self.sample(count, self._training_seed)
+
+    @property
+    def _training_seed(self) -> np.random.SeedSequence:
+        # Samples have the keys (0,), (1,), ... below their seed, this one's have (3, 0), (3, 1), ...
+        return np.random.SeedSequence(self.seed, spawn_key=(TRAINING_STREAM,))
 
     def describe(self) -> dict[str, Any]:
         """Name, seed and settings as plain data, enough to make the scenario again."""

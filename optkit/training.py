@@ -41,6 +41,9 @@ Choice = Literal["learned", "pooled", "true"] | Preferences
 MOODS = 4
 """Times that each validation instance is run, the workers' noise drawn anew: a cheap way to a quieter choice."""
 
+FINE_DEVIATIONS = (6.0, 1.0)
+"""Exploration for ``"linear-fine"``: many instances need less of it, which is worth 0.05 points."""
+
 PATIENCE = 2
 """Rounds in a row that may fall short of the best before training stops."""
 
@@ -97,6 +100,7 @@ def train(
     value: str | Estimator = "linear",
     *,
     choice: Choice = "learned",
+    instances: int | None = None,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
     **settings: Any,
@@ -108,10 +112,16 @@ def train(
     source : Scenario, Split or sequence of Instance
         A scenario or a split train on their training instances and choose by their validation instances. Plain
         instances are all trained on, and the last round counts.
-    value : {"linear", "kernel", "attention", "attention-printed"} or Estimator
-        The value function's form. ``"attention"`` needs ``optkit[attention]``.
+    value : {"linear", "linear-fine", "kernel", "attention", "attention-levels", "attention-printed"} or Estimator
+        The value function's form. ``"linear-fine"``, see :meth:`~optkit.models.value.LinearValue.fine`, wants many
+        instances. ``"attention"`` is the network trained on differences, ``"attention-levels"`` on the levels of
+        Algorithm 1, with settings chosen for them; both need ``optkit[attention]``.
     choice : {"learned", "pooled", "true"} or Preferences
         The choice model: learned along the way by group or for all groups together, the truth, or given.
+    instances : int, optional
+        Train a scenario on so many instances drawn for it, :meth:`~optkit.scenarios.Scenario.training`, in place of the
+        480 of its split. A scenario with trips has few half-hours to train on; to realise each several times is worth
+        0.3 to 0.5 points there.
     checkpoint : path, optional
         Folder in which each seed's outcome is kept as soon as it is there. A training that was interrupted goes on from
         it, if its settings and instances are the same.
@@ -145,6 +155,8 @@ def train(
     from optkit.checkpoints import Checkpoint
 
     estimator = _estimator(value)
+    if value == "linear-fine":
+        settings.setdefault("deviations", FINE_DEVIATIONS)
     if "deviations" not in settings and hasattr(estimator, "deviations"):
         settings["deviations"] = estimator.deviations
     if "discount" not in settings and hasattr(estimator, "discount"):
@@ -154,11 +166,12 @@ def train(
         if name not in known:
             raise InputError(f"no setting {name!r}; there are {', '.join(known)}")
     chosen = Settings(**settings)
-    split = source.split() if isinstance(source, Scenario) else source
-    instances, validation = (split.train, split.validation) if isinstance(split, Split) else (split, [])
+    # Plain instances are trained on as they are.
+    given = source if isinstance(source, Scenario | Split) else Split(source, [], [])  # type: ignore[arg-type]
+    days, _, validation = training_split(given, instances)
     if chosen.seeds > 1 and not validation:
         raise InputError(f"seeds = {chosen.seeds} need validation instances to choose between them: pass a Split")
-    batch = Batch.of(instances)
+    batch = Batch.of(days)
     course = _Course(batch, Batch.of(_moods(validation, chosen.seed)), chosen, choice)
     kept = Checkpoint(checkpoint, asdict(chosen), estimator, choice, batch.instances, validation)
     rounds = len(chosen.deviations)
@@ -184,6 +197,22 @@ def train(
         return course.checked(best, [str(error) for error in failures])
 
 
+def training_split(source: Scenario | Split, instances: int | None = None) -> Split:
+    """Return what :func:`train` trains on and chooses by, see there for the arguments.
+
+    Raises
+    ------
+    InputError
+        If instances are asked for of what is no scenario, or their number is no whole number of at least 0.
+    """
+    if isinstance(source, Scenario):
+        split = source.split()
+        return split if instances is None else split._replace(train=source.training(instances))
+    if instances is not None:
+        raise InputError(f"instances = {instances} can be drawn from a scenario only: pass one, or leave instances out")
+    return source
+
+
 def _tell(progress: Callable[[int, int], object] | None, before: int, total: int, done: int) -> None:
     if progress is not None:
         progress(before + done, total)
@@ -198,14 +227,16 @@ def _estimator(value: str | Estimator) -> Estimator:
         return value
     from optkit.models.value import KernelValue, LinearValue
 
-    if value in ("attention", "attention-printed"):
-        from optkit.models.attention_value import PRINTED, TUNED, AttentionValue
+    light = {"linear": LinearValue, "linear-fine": LinearValue.fine, "kernel": KernelValue}
+    if value in light:
+        return light[value]()
+    networks = ("attention", "attention-levels", "attention-printed")
+    if value not in networks:
+        names = ", ".join(f'"{name}"' for name in (*light, *networks))
+        raise InputError(f"value = {value!r} is unknown; there are {names}")
+    from optkit.models.attention_value import LEVELS, PRINTED, TUNED, AttentionValue
 
-        return AttentionValue(PRINTED if value == "attention-printed" else TUNED)
-    made: dict[str, Estimator] = {"linear": LinearValue(), "kernel": KernelValue()}
-    if value not in made:
-        raise InputError(f'value = {value!r} is unknown: take "linear", "kernel", "attention" or "attention-printed"')
-    return made[value]
+    return AttentionValue(dict(zip(networks, (TUNED, LEVELS, PRINTED), strict=True))[value])
 
 
 def _seeded(estimator: Estimator, seed: int) -> Estimator:

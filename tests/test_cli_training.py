@@ -102,6 +102,21 @@ def test_options_reach_the_training(optkit, tmp_path):
     assert [row["deviation"] for row in found.record[:2]] == [6.0, 3.0]
 
 
+def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
+    """--instances draws them in place of the split's, and the output says how many there were."""
+    path = tmp_path / "p.json"
+    options = ["--choice", "true", "--instances", 90, "--out", path]
+    code, out, _ = optkit("train", "I.1", *SMALL, *options, "--quiet")
+    assert code == 0
+    assert "instances: 90 for training, 10 for validation" in out
+    expected = train(scenario("I.1", seed=0, split=(60, 20, 10)), choice="true", instances=90)
+    assert Trained.load(path).value.to_dict() == expected.value.to_dict()
+    folder = save_instances(tmp_path / "days", scenario("I.1", seed=0).sample(20, seed=1))
+    code, _, err = optkit("train", folder, *options, "--quiet")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "can be drawn from a scenario only" in err
+
+
 def test_the_world_s_seed_is_the_training_s_too(optkit, tmp_path):
     """As in optkit run, one seed serves for both unless another is given."""
     optkit("train", "I.1", *SMALL, "--seed", 3, "--choice", "true", "--out", tmp_path / "p.json", "--quiet")
@@ -290,6 +305,7 @@ BAD = {
     "negative deviation": (["train", "I.1", *SMALL, "--deviations", "8,-4"], "deviations"),
     "discount": (["train", "I.1", *SMALL, "--discount", "2"], "discount = 2"),
     "seeds": (["train", "I.1", *SMALL, "--seeds", "0"], "seeds = 0"),
+    "instances": (["train", "I.1", *SMALL, "--instances", "-5"], "count = -5"),
     "training seed": (["train", "I.1", *SMALL, "--training-seed", "-1"], "seed"),
     "nothing to choose by": (["train", "I.1", "--set", "split=5,5,0", "--seeds", "2"], "validation instances"),
     "no policy": (["evaluate", "absent.json", "I.1"], "absent.json cannot be read"),

@@ -145,6 +145,14 @@ def test_the_split_keeps_episodes_apart(year: Trips) -> None:
     assert episodes != [which(i) for part in trip_scenario("nyc-weak", 1, year).split() for i in part]
 
 
+def test_further_training_instances_realise_the_training_episodes_anew(year: Trips) -> None:
+    """One after the other and again from the start, never a test episode; each realisation has requests of its own."""
+    source = trip_scenario("nyc-weak", 0, year)
+    own, more = [which(day) for day in source.split().train], source.training(160)
+    assert [which(day) for day in more] == (own * 3)[:160]
+    assert len({day.utility.tobytes() for day in [*more, *source.split().train]}) == 160 + 76
+
+
 @pytest.mark.parametrize(
     ("weeks", "asked", "sizes"),
     [

@@ -17,7 +17,8 @@ from optkit.models.value import KernelValue, LinearValue
 from optkit.policies import PostDecisionPricing
 from optkit.presence import busy_steps
 from optkit.scenarios import Split
-from optkit.training import MOODS, PATIENCE, Settings, train
+from optkit.trained import Trained
+from optkit.training import FINE_DEVIATIONS, MOODS, PATIENCE, Settings, train
 
 
 @pytest.fixture(scope="module")
@@ -482,6 +483,47 @@ def test_sources(split):
     np.testing.assert_array_equal(whole.value.coef_, parts.value.coef_)
     one, alone = train(split.train[0], choice="true"), train(split.train[:1], choice="true")
     np.testing.assert_array_equal(one.value.coef_, alone.value.coef_)
+
+
+def test_more_instances_can_be_drawn_for_a_scenario(split):
+    """They take the place of the split's training instances and leave the validation instances as they are."""
+    source = scenario("I.1", seed=0, split=(30, 1, 10))
+    more = train(source, choice="true", instances=50)
+    by_hand = train(Split(source.training(50), [], source.split().validation), choice="true")
+    np.testing.assert_array_equal(more.value.coef_, by_hand.value.coef_)
+    assert more.record[0]["score"] == by_hand.record[0]["score"]
+    for other in (split, split.train):
+        with pytest.raises(InputError, match="instances = 50 can be drawn from a scenario only"):
+            train(other, choice="true", instances=50)
+    with pytest.raises(InputError, match="count = -1"):
+        train(source, choice="true", instances=-1)
+    with pytest.raises(InputError, match="training needs instances"):
+        train(source, choice="true", instances=0)
+
+
+def test_the_fine_form(split, tmp_path):
+    """By its name it comes with exploration of its own, which a setting overrides; a file brings it back."""
+    fine = train(split, "linear-fine", choice="true")
+    by_hand = train(split, LinearValue.fine(), choice="true", deviations=FINE_DEVIATIONS)
+    np.testing.assert_array_equal(fine.value.coef_, by_hand.value.coef_)
+    assert fine.settings["deviations"] == FINE_DEVIATIONS != Settings().deviations
+    assert train(split, "linear-fine", choice="true", deviations=(3.0,)).settings["deviations"] == (3.0,)
+    again = Trained.load(fine.save(tmp_path / "fine.json"))
+    days = split.validation
+    np.testing.assert_array_equal(simulate(days, again.policy).reward, simulate(days, fine.policy).reward)
+
+
+def test_networks_by_their_names(split):
+    """Each name brings its settings; Algorithm 1's levels differ from differences in the coefficients they end with."""
+    pytest.importorskip("torch", reason="needs PyTorch: pip install 'optkit[attention]'")
+    from optkit.models.attention_value import LEVELS, PRINTED, TUNED
+
+    of = {"attention": TUNED, "attention-levels": LEVELS, "attention-printed": PRINTED}
+    for name, settings in of.items():
+        trained = train(split, name, choice="true", deviations=(8.0,))
+        assert trained.value.settings == settings
+        assert trained.settings["discount"] == settings.discount
+    assert (TUNED.target, LEVELS.target, PRINTED.target) == ("difference", "level", "level")
 
 
 def test_settings_are_plain():

@@ -27,11 +27,18 @@ def train(
     fraction: Fraction = None,
     settings: Setting = None,
     value: Annotated[
-        str, typer.Option(help="Value function: linear, kernel, attention or attention-printed.")
+        str,
+        typer.Option(
+            help="Value function: linear, linear-fine, kernel, attention, attention-levels or attention-printed."
+        ),
     ] = "linear",
     choice: Annotated[
         str, typer.Option(help="Choice model: learned (one per worker group), pooled (one for all), or true.")
     ] = "learned",
+    instances: Annotated[
+        int | None,
+        typer.Option(help="Train on so many instances drawn for it, not on the split's; of a scenario only."),
+    ] = None,
     seeds: Annotated[int, typer.Option(help="Trainings to choose from by validation instances.")] = 1,
     training_seed: Annotated[int | None, typer.Option(help="Seed of the training; the world's by default.")] = None,
     deviations: Annotated[
@@ -58,6 +65,7 @@ def train(
     from optkit.plain import to_json
     from optkit.splits import read_split
     from optkit.training import train as train_policy
+    from optkit.training import training_split
 
     _check_out(out)
     _check_checkpoint(checkpoint)
@@ -67,7 +75,7 @@ def train(
     if discount is not None:
         chosen["discount"] = discount
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
-    split = read_split(opened)[0] if isinstance(opened, Path) else opened.split()
+    split = training_split(read_split(opened)[0] if isinstance(opened, Path) else opened, instances)
     started = time.perf_counter()
     try:
         with progress_bar(quiet or as_json) as tell:

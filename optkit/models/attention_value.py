@@ -1,8 +1,9 @@
 """The paper's attention network as a value function that is fitted in rounds (section 3.3, Algorithm 1; section 3.4).
 
 With ``PRINTED`` it is the paper's: Lemma 1's targets for the level of every visited set, and the table of the appendix
-on neural network training. With ``TUNED`` the same network is fitted to differences: prices depend on nothing else, and
-with the same new arrivals after S and after S without i most of the noise of the arrivals cancels.
+on neural network training; with ``LEVELS`` settings are better. With ``TUNED`` the same network is fitted to
+differences: prices depend on nothing else, and with the same new arrivals after S and after S without i most of the
+noise of the arrivals cancels.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from sklearn.base import BaseEstimator
 
 from optkit.errors import InputError, MissingExtraError
 from optkit.instance import Floats
-from optkit.models.attention_settings import PRINTED, TUNED, AttentionSettings
+from optkit.models.attention_settings import LEVELS, PRINTED, TUNED, AttentionSettings
 from optkit.models.experience import Experience
 from optkit.models.request_sets import RequestSets
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from optkit.models.attention_network import FrozenAttention
     from optkit.models.attention_training import AttentionTraining
 
-__all__ = ["PRINTED", "TUNED", "AttentionSettings", "AttentionValue"]
+__all__ = ["LEVELS", "PRINTED", "TUNED", "AttentionSettings", "AttentionValue"]
 
 
 class AttentionValue(BaseEstimator):  # type: ignore[misc]
@@ -37,7 +38,7 @@ class AttentionValue(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     settings : AttentionSettings
-        ``TUNED`` or ``PRINTED``, or others.
+        ``TUNED``, ``LEVELS`` or ``PRINTED``, or others.
     seed : int
         Of the first weights and the order of the gradient steps.
 
