@@ -141,6 +141,10 @@ def _value(plain: dict[str, Any]) -> SetValue:
 
         network: SetValue = AttentionValue.from_dict(plain)
         return network
+    if plain.get("kind") == "MeanValue":
+        from optkit.models.mean_value import MeanValue
+
+        return MeanValue.from_dict(plain, _value)
     from optkit.models.value import value_of
 
     return value_of(plain)

@@ -41,9 +41,6 @@ Choice = Literal["learned", "pooled", "true"] | Preferences
 MOODS = 4
 """Times that each validation instance is run, the workers' noise drawn anew: a cheap way to a quieter choice."""
 
-FINE_DEVIATIONS = (6.0, 1.0)
-"""Exploration for ``"linear-fine"``: many instances need less of it, which is worth 0.05 points."""
-
 PATIENCE = 2
 """Rounds in a row that may fall short of the best before training stops."""
 
@@ -112,9 +109,9 @@ def train(
     source : Scenario, Split or sequence of Instance
         A scenario or a split train on their training instances and choose by their validation instances. Plain
         instances are all trained on, and the last round counts.
-    value : {"linear", "linear-fine", "kernel", "attention", "attention-levels", "attention-printed"} or Estimator
-        The value function's form. ``"linear-fine"``, see :meth:`~optkit.models.value.LinearValue.fine`, wants many
-        instances. ``"attention"`` is the network trained on differences, ``"attention-levels"`` on the levels of
+    value : {"linear", "kernel", "mean", "attention", "attention-levels", "attention-printed"} or Estimator
+        The value function's form. ``"mean"``, of two light forms, :class:`~optkit.models.mean_value.MeanValue`, wants
+        many instances. ``"attention"`` is the network trained on differences, ``"attention-levels"`` on the levels of
         Algorithm 1, with settings chosen for them; both need ``optkit[attention]``.
     choice : {"learned", "pooled", "true"} or Preferences
         The choice model: learned along the way by group or for all groups together, the truth, or given.
@@ -155,8 +152,6 @@ def train(
     from optkit.checkpoints import Checkpoint
 
     estimator = _estimator(value)
-    if value == "linear-fine":
-        settings.setdefault("deviations", FINE_DEVIATIONS)
     if "deviations" not in settings and hasattr(estimator, "deviations"):
         settings["deviations"] = estimator.deviations
     if "discount" not in settings and hasattr(estimator, "discount"):
@@ -225,9 +220,10 @@ def _estimator(value: str | Estimator) -> Estimator:
         if not (callable(getattr(value, "fit", None)) and callable(getattr(value, "opportunity_cost", None))):
             raise InputError(f"a {type(value).__name__} is no value function: it needs fit, value and opportunity_cost")
         return value
+    from optkit.models.mean_value import MeanValue
     from optkit.models.value import KernelValue, LinearValue
 
-    light = {"linear": LinearValue, "linear-fine": LinearValue.fine, "kernel": KernelValue}
+    light: dict[str, type[Estimator]] = {"linear": LinearValue, "kernel": KernelValue, "mean": MeanValue}
     if value in light:
         return light[value]()
     networks = ("attention", "attention-levels", "attention-printed")

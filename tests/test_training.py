@@ -17,8 +17,7 @@ from optkit.models.value import KernelValue, LinearValue
 from optkit.policies import PostDecisionPricing
 from optkit.presence import busy_steps
 from optkit.scenarios import Split
-from optkit.trained import Trained
-from optkit.training import FINE_DEVIATIONS, MOODS, PATIENCE, Settings, train
+from optkit.training import MOODS, PATIENCE, Settings, train
 
 
 @pytest.fixture(scope="module")
@@ -499,18 +498,6 @@ def test_more_instances_can_be_drawn_for_a_scenario(split):
         train(source, choice="true", instances=-1)
     with pytest.raises(InputError, match="training needs instances"):
         train(source, choice="true", instances=0)
-
-
-def test_the_fine_form(split, tmp_path):
-    """By its name it comes with exploration of its own, which a setting overrides; a file brings it back."""
-    fine = train(split, "linear-fine", choice="true")
-    by_hand = train(split, LinearValue.fine(), choice="true", deviations=FINE_DEVIATIONS)
-    np.testing.assert_array_equal(fine.value.coef_, by_hand.value.coef_)
-    assert fine.settings["deviations"] == FINE_DEVIATIONS != Settings().deviations
-    assert train(split, "linear-fine", choice="true", deviations=(3.0,)).settings["deviations"] == (3.0,)
-    again = Trained.load(fine.save(tmp_path / "fine.json"))
-    days = split.validation
-    np.testing.assert_array_equal(simulate(days, again.policy).reward, simulate(days, fine.policy).reward)
 
 
 def test_networks_by_their_names(split):

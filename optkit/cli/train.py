@@ -28,9 +28,7 @@ def train(
     settings: Setting = None,
     value: Annotated[
         str,
-        typer.Option(
-            help="Value function: linear, linear-fine, kernel, attention, attention-levels or attention-printed."
-        ),
+        typer.Option(help="Value function: linear, kernel, mean, attention, attention-levels or attention-printed."),
     ] = "linear",
     choice: Annotated[
         str, typer.Option(help="Choice model: learned (one per worker group), pooled (one for all), or true.")

@@ -249,20 +249,6 @@ class LinearValue(_LinearInTerms):
         self.memory = memory
         self.terms = terms
 
-    @classmethod
-    def fine(cls) -> Self:
-        """Return the form with more knots, and some in the busy stretch: ten times the work of the default.
-
-        It wants some 2,000 instances, and then gains 0.1 to 0.2 points; more knots or instances than that gain nothing.
-
-        Examples
-        --------
-        >>> LinearValue.fine().rank_knots
-        (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
-        """
-        rank, time = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0), (1.0, 2.0, 4.0, 8.0, 14.0)
-        return cls(surplus_knots=3, time_knots=time, rank_knots=rank, busy_knots=(0.0, 1.0, 3.0, 8.0))
-
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
         if self.terms is not None:
             return list(self.terms)
@@ -296,6 +282,8 @@ class KernelValue(_LinearInTerms):
         The kernel is exp(-gamma * squared distance) in standard deviations.
     rank_knots : sequence of float
         Knots of the hat functions of the rank.
+    busy_knots : sequence of float, optional
+        As in :class:`LinearValue`.
     ridge : float
         Penalty that draws the coefficients of a step to those of the next, at least 0.
     memory : float
@@ -319,6 +307,7 @@ class KernelValue(_LinearInTerms):
         landmarks: int = 12,
         gamma: float = 0.1,
         rank_knots: Sequence[float] = (0.0, 1.0, 4.0),
+        busy_knots: Sequence[float] | None = None,
         ridge: float = 1.0,
         memory: float = 0.0,
         seed: int = 0,
@@ -326,6 +315,7 @@ class KernelValue(_LinearInTerms):
         self.landmarks = landmarks
         self.gamma = gamma
         self.rank_knots = rank_knots
+        self.busy_knots = busy_knots
         self.ridge = ridge
         self.memory = memory
         self.seed = seed
@@ -346,7 +336,8 @@ class KernelValue(_LinearInTerms):
         count = min(self.landmarks, len(np.unique(standard, axis=0)))
         means = KMeans(count, n_init=1, random_state=self.seed).fit(standard).cluster_centers_
         rank = np.asarray(self.rank_knots, dtype=float)
-        return [RankedTerm(KernelFeatures(center, scale, means, float(self.gamma)), "surplus", rank)]
+        busy = None if self.busy_knots is None else np.asarray(self.busy_knots, dtype=float)
+        return [RankedTerm(KernelFeatures(center, scale, means, float(self.gamma)), "surplus", rank, busy)]
 
 
 def value_of(plain: dict[str, Any]) -> LinearValue | KernelValue:

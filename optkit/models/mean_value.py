@@ -1,0 +1,153 @@
+"""The mean of several value functions: what each gets wrong in its own way cancels in part."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator
+
+from optkit.errors import InputError
+from optkit.instance import Floats
+from optkit.models.experience import Experience
+from optkit.models.request_sets import RequestSets, SetValue
+from optkit.models.value import KernelValue, LinearValue
+
+
+class Member(SetValue, Protocol):
+    """A value function that can be fitted."""
+
+    def fit(self, experience: Experience) -> Any:
+        """Fit to one round of experience."""
+        ...
+
+
+class MeanValue(BaseEstimator):  # type: ignore[misc]
+    """The mean of value functions that are fitted to the same experience, each with targets of its own.
+
+    Opportunity costs are linear in the value function, so theirs are averaged too. The default averages three light
+    forms that err differently: hat functions and a kernel that know the busy stretch, and a finer kernel that does not.
+    It wants many instances, some 75,000 requests, and takes as long as the network.
+
+    Parameters
+    ----------
+    values : sequence of value functions, optional
+        Not fitted; they are copied.
+
+    Attributes
+    ----------
+    values_ : list
+        The fitted copies.
+    residual_ : float
+        Root mean square of the members' residuals, money; NaN if a member has none.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> from optkit.training import train
+    >>> trained = train(scenario("I.2", seed=0, horizon=10).sample(20, seed=1), MeanValue(), choice="true")
+    >>> [type(value).__name__ for value in trained.value.values_]
+    ['LinearValue', 'KernelValue', 'KernelValue']
+    """
+
+    deviations: ClassVar[tuple[float, ...]] = (6.0, 1.0)
+    """Exploration noise of each round, money, unless :func:`~optkit.training.train` is told another."""
+
+    def __init__(self, values: Sequence[Member] | None = None) -> None:
+        self.values = values
+
+    def fit(self, experience: Experience, y: None = None) -> Self:
+        """Fit every member; after an error all is as it was.
+
+        Parameters
+        ----------
+        experience : Experience
+            Visited sets and their targets.
+        y : None
+            Targets come with the experience.
+
+        Raises
+        ------
+        InputError
+            If there are no members, or a setting of one is out of range.
+        TrainingError
+            If a member diverges.
+        """
+        members = _default() if self.values is None else list(self.values)
+        if not members:
+            raise InputError("values is empty: a mean needs at least one value function")
+        # A member that learns from round to round goes on from its last one.
+        fitted = copy.deepcopy(getattr(self, "values_", members))
+        for one in fitted:
+            one.fit(experience)
+        self.values_ = fitted
+        self.residual_ = float(np.sqrt(np.mean([getattr(one, "residual_", np.nan) ** 2 for one in fitted])))
+        return self
+
+    @property
+    def sees_busy(self) -> bool:
+        """Whether sets must say for how long workers have come without a break."""
+        return any(getattr(one, "sees_busy", False) for one in getattr(self, "values_", ()))
+
+    def value(self, sets: RequestSets) -> Floats:
+        """Value of each set, (b,), money."""
+        return np.asarray(np.mean([one.value(sets) for one in self._fitted()], axis=0))
+
+    def predict(self, sets: RequestSets) -> Floats:
+        """Return :meth:`value`, under scikit-learn's name."""
+        return self.value(sets)
+
+    def opportunity_cost(self, sets: RequestSets) -> Floats:
+        """V(S) - V(S without i) for every member i, (b, w), money; 0 for padding."""
+        return np.asarray(np.mean([one.opportunity_cost(sets) for one in self._fitted()], axis=0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fitted members as plain data.
+
+        Raises
+        ------
+        InputError
+            If nothing has been fitted, or a member cannot be written.
+        """
+        for one in (members := self._fitted()):
+            if not callable(getattr(one, "to_dict", None)) or isinstance(one, MeanValue):
+                raise InputError(f"a mean with a {type(one).__name__} in it cannot be written to a file")
+        return {"kind": "MeanValue", "values": [one.to_dict() for one in members]}  # type: ignore[attr-defined]
+
+    @classmethod
+    def from_dict(cls, plain: dict[str, Any], read: Callable[[dict[str, Any]], Any]) -> Self:
+        """Make a fitted mean again from its plain data.
+
+        Parameters
+        ----------
+        plain : dict
+            What :meth:`to_dict` returned.
+        read : callable
+            Makes a member again from its own plain data.
+
+        Raises
+        ------
+        InputError
+            If the data are incomplete.
+        """
+        written = plain.get("values")
+        if not isinstance(written, list) or not written or not all(isinstance(one, dict) for one in written):
+            raise InputError("the mean of value functions cannot be read: it has no members")
+        if any(one.get("kind") == "MeanValue" for one in written):
+            raise InputError("the mean of value functions cannot be read: one of its members is a mean")
+        made = cls()
+        made.values_ = [read(one) for one in written]
+        return made
+
+    def _fitted(self) -> list[Member]:
+        if not hasattr(self, "values_"):
+            raise InputError("this MeanValue is not fitted: call fit first")
+        return self.values_
+
+
+def _default() -> list[Member]:
+    rank, busy = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0), (0.0, 1.0, 3.0, 8.0)
+    hats, kernel = LinearValue(rank_knots=rank, busy_knots=busy), KernelValue(landmarks=20, rank_knots=rank)
+    return [hats, kernel, KernelValue(rank_knots=rank, busy_knots=busy)]
