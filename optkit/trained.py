@@ -42,7 +42,8 @@ class Trained:
         One entry per round: ``seed``, ``round``, ``deviation`` (money), ``score``, ``residual`` (money), ``seconds``,
         ``error``.
     settings : dict
-        As in :class:`optkit.training.Settings`.
+        As in :class:`optkit.training.Settings`, with ``choice`` (``"given"`` for preferences that were passed), and the
+        number of training ``instances`` and their ``horizon``.
     failures : list of str
         Seeds that diverged, and why.
     """

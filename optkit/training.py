@@ -262,6 +262,12 @@ class _Course:
         if not isinstance(self.choice, Preferences) and self.choice not in ("learned", "pooled", "true"):
             raise InputError(f'choice = {self.choice!r}: take "learned", "pooled", "true", or Preferences')
 
+    @property
+    def told(self) -> dict[str, Any]:
+        """The settings as plain data, with the choice model, and number and horizon of the training instances."""
+        choice = self.choice if isinstance(self.choice, str) else "given"
+        return {**asdict(self.settings), "choice": choice, "instances": len(self.batch), "horizon": self.batch.horizon}
+
     @cached_property
     def _learned(self) -> Learned:
         """What all seeds begin with."""
@@ -301,7 +307,7 @@ class _Course:
             record.append({**row, "seconds": round(time.perf_counter() - started, 3), "error": None})
             short = 0 if best is None or score >= best.score else short + 1
             if short == 0:
-                best = Trained(policy, policy.value_function.value, preferences, score, record, asdict(settings))  # type: ignore[attr-defined]
+                best = Trained(policy, policy.value_function.value, preferences, score, record, self.told)  # type: ignore[attr-defined]
             if k + 1 < len(settings.deviations):  # the last is told when the outcome is safe
                 tell(k + 1)
             if short >= PATIENCE:
@@ -312,7 +318,7 @@ class _Course:
     def checked(self, best: Trained, failures: list[str]) -> Trained:
         """Return the chosen policy, unless validation says that it is worse than not waiting at all."""
         # A checkpoint may come from a call that asked for fewer seeds.
-        best = replace(best, settings=asdict(self.settings), failures=failures)
+        best = replace(best, settings=self.told, failures=failures)
         if len(self.validation):
             gain = mean_interval(self._scores(best.policy), self._scores(_policy(None, best.preferences)))
             if gain.high < 0:

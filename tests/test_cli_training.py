@@ -93,6 +93,7 @@ def test_options_reach_the_training(optkit, tmp_path):
     told, found = strict(out), Trained.load(path)
     assert (code, err) == (0, "")
     settings = {"deviations": [6.0, 3.0, 1.0], "discount": 0.9, "seeds": 2, "seed": 5}
+    settings |= {"choice": "pooled", "instances": 60, "horizon": 50}
     assert told["settings"] == settings
     assert found.settings == settings
     assert type(found.value).__name__ == "KernelValue"
@@ -154,6 +155,17 @@ def test_evaluate_is_the_librarys_comparison(optkit, file, split, tmp_path):
             assert told["instances"] == len(days)
             assert told["policies"] == expected.table.to_dict(orient="records")
             pd.testing.assert_frame_equal(read(out), expected.per_instance)
+
+
+def test_another_horizon_is_told(optkit, file):
+    """Steps left are right on shorter instances, but the value function of a step is not: a note says so."""
+    _, same, _ = optkit("evaluate", file, "I.1", *SMALL, "--quiet")
+    code, shorter, _ = optkit("evaluate", file, "I.1", *SMALL, "--set", "horizon=25", "--quiet")
+    assert code == 0
+    assert "note: trained on instances of 50 steps, these have 25" in shorter
+    assert "note:" not in same
+    told = strict(optkit("evaluate", file, "I.1", *SMALL, "--set", "horizon=25", "--json")[1])
+    assert told["note"].startswith("trained on instances of 50 steps")
 
 
 def test_evaluate_takes_all_of_a_folder(optkit, file, tmp_path):

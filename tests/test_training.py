@@ -105,6 +105,7 @@ def test_given_preferences_are_used_as_they_are(world):
     trained = train(days, choice=given)
     assert trained.preferences is given
     assert trained.policy.choice is given
+    assert trained.settings["choice"] == "given"
     assert (trained.value.coef_ != train(days, choice="true").value.coef_).any()
 
 
@@ -165,7 +166,8 @@ def test_the_discount_and_the_deviations_count(split):
     trained = train(split.train, Spy(), choice="true", deviations=[3, 2, 1], discount=0.9)
     assert [one.discount for one in Spy.seen] == [0.9] * 3
     assert [row["deviation"] for row in trained.record] == [3.0, 2.0, 1.0]
-    assert trained.settings == {"deviations": (3.0, 2.0, 1.0), "discount": 0.9, "seeds": 1, "seed": 0}
+    settings = {"deviations": (3.0, 2.0, 1.0), "discount": 0.9, "seeds": 1, "seed": 0}
+    assert trained.settings == settings | {"choice": "true", "instances": 20, "horizon": 50}
 
     class Printed(Spy):
         deviations, discount = (9.0,), 0.95

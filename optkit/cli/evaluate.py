@@ -66,8 +66,11 @@ def evaluate(
     comparison = compare([instances[i] for i in kept], policies, bounds, labels=kept)
     if out is not None:
         write_rows(comparison.per_instance, out)
+    horizon = trained.settings.get("horizon", batch.horizon)
+    other = f"trained on instances of {horizon} steps, these have {batch.horizon}: prices near the end may be off"
+    note = None if horizon == batch.horizon else other
     if as_json:
-        told = {"policy": str(policy), "source": source, "part": part, "instances": len(instances)}
+        told = {"policy": str(policy), "source": source, "part": part, "instances": len(instances), "note": note}
         table = comparison.table.to_dict(orient="records")
         typer.echo(to_json({**told, "policies": table, "worst_bound_gap": worst, "bound_failures": failures}))
     else:
@@ -76,6 +79,8 @@ def evaluate(
         if trips_told is not None:
             typer.echo(trips_told)
         typer.echo(f"bounds: every certificate checked, largest gap {worst:.1e} (money)")
+        if note is not None:
+            typer.echo(f"note: {note}")
         for i, why in failures.items():
             typer.echo(f"bounds: instance {i} is left out: {why}")
         if out is not None:
