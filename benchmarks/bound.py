@@ -11,7 +11,6 @@ them use one thread. The gap is measured for everybody against the bound that ou
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
 import multiprocessing
 import statistics
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _machine import machine
+from _machine import forget_peak, machine, status
 from rich.console import Console
 from rich.table import Table
 
@@ -164,21 +163,6 @@ def run(name: str, steps: int, budget: float) -> dict[str, Any]:
         method(instance)
         peak = (status("VmHWM") - before) / 1024
     return {"value": value, "ms": 1e3 * statistics.median(times), "runs": len(times), "peak_mb": peak}
-
-
-def forget_peak() -> int | None:
-    """Forget this process's peak of memory, and return what it uses now, in kB (Linux; None elsewhere)."""
-    try:
-        ctypes.CDLL(None).malloc_trim(0)  # else what the instance left free would be used unseen
-        Path("/proc/self/clear_refs").write_text("5")
-        return status("VmRSS")
-    except (OSError, AttributeError):
-        return None
-
-
-def status(field: str) -> int:
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return int(next(line for line in lines if line.startswith(field)).split()[1])
 
 
 def measure(steps: int, budget: float, console: Console) -> dict[str, Any]:
