@@ -40,11 +40,14 @@ from optkit.nyc import TripScenario
 from optkit.policies import PostDecisionPricing
 from optkit.training import train
 from optkit.tuning import tune_formula, tune_reward_percentage
+from optkit.world import TABLE_1
 
-GROUPS = ("light", "networks")
-PAPER = {"attention, printed": ("attention-printed", 1), "attention, levels": ("attention-levels", 3)}
-OURS = "attention, differences"
-NETWORKS = PAPER | {OURS: ("attention", 3)}
+GROUPS = ("light", "mean", "networks")
+NETWORKS = {
+    "attention, printed": ("attention-printed", 1),
+    "attention, levels": ("attention-levels", 3),
+    "attention, differences": ("attention", 3),
+}
 
 
 def ranked(split, preferences):
@@ -62,22 +65,16 @@ def ranked(split, preferences):
     return LinearValue(terms=[RankedTerm(hats, "surplus", np.array([0.0, 1.0, 4.0]))])
 
 
-def tested(source, split, count: int) -> list:
+def tested(source, count: int) -> list:
     """Held-out instances; of trips, the split's test half-hours, each realised several times."""
-    if not isinstance(source, TripScenario):
-        return held_out(source, count)
-    first = len(split.train)
-    order = source.order(sum(map(len, split)), np.random.SeedSequence(source.seed, spawn_key=(1,)))
-    own = order[first : first + len(split.test)]
-    seeds = np.random.SeedSequence(source.seed, spawn_key=(9,)).spawn(count)
-    return [source.instance(one, own[i % len(own)]) for i, one in enumerate(seeds)]
+    return source.further("test", count) if isinstance(source, TripScenario) else held_out(source, count)
 
 
 def measure(name: str, seed: int, choice: str, group: str, trips: str | None, count: int) -> dict:
-    """Train and test the light functions and benchmarks of a cell, or its networks."""
+    """Train and test a group of policies in a cell."""
     source = scenario(name, seed=seed, trips=trips)
     split = source.split()
-    test_days = tested(source, split, count)
+    test_days = tested(source, count)
     full = np.array([full_information(day).value for day in test_days])
     arrival = np.array([arrival_information(day).value for day in test_days])
     least = np.array([day.penalty.sum() for day in test_days])
@@ -100,7 +97,7 @@ def measure(name: str, seed: int, choice: str, group: str, trips: str | None, co
     settings = source.settings
     many = min(MOST, round(TRAINING / (settings.request_rate * settings.horizon)))
     light = {"ranked": (ranked(split, preferences), 1), "linear": ("linear", 1), "kernel": ("kernel", 1)}
-    forms = light | {"mean": ("mean", 1)} if group == "light" else NETWORKS
+    forms = {"light": light, "mean": {"mean": ("mean", 1)}, "networks": NETWORKS}[group]
     for label, (form, seeds) in forms.items():
         started = time.process_time()
         try:
@@ -115,7 +112,7 @@ def measure(name: str, seed: int, choice: str, group: str, trips: str | None, co
 
 
 def kept(folder: Path, name: str, seed: int, choice: str, group: str, trips: str | None, count: int) -> dict:
-    """Measure one half of a cell, or read what an earlier run kept."""
+    """Measure one group in a cell, or read what an earlier run kept."""
     file = folder / f"{name}-{seed}-{choice}-{group}-{count}.json"
     if file.exists():
         return json.loads(file.read_text())
@@ -126,48 +123,63 @@ def kept(folder: Path, name: str, seed: int, choice: str, group: str, trips: str
     return cell
 
 
-def joined(halves: list[dict]) -> list[dict]:
-    """Put the halves of each cell together."""
+def joined(measured: list[dict]) -> list[dict]:
+    """Put the groups of each cell together; whose training led nowhere prices myopically in that world."""
     cells: dict[tuple, dict] = {}
-    for half in halves:
-        cell = cells.setdefault((half["scenario"], half["seed"], half["choice"]), {**half})
+    for group in measured:
+        cell = cells.setdefault((group["scenario"], group["seed"], group["choice"]), {**group})
         for part in ("ratio", "of arrival", "seconds", "failed"):
-            cell[part] = cell[part] | half[part]
+            cell[part] = cell[part] | group[part]
+    for cell in cells.values():
+        for label in cell["failed"]:
+            for part in ("ratio", "of arrival"):
+                cell[part][label] = cell[part]["myopic"]
     return list(cells.values())
 
 
 def summary(cells: list[dict]) -> list[dict]:
-    """One row per scenario, choice model and policy: means over all worlds' instances, paired with the networks."""
+    """One row per scenario, choice model and policy: means over all worlds' instances, and paired differences.
+
+    Two intervals, both of 95 per cent: over instances, for these policies in these worlds (with trips, over half-hours:
+    realisations of one are alike); and over worlds, for other worlds and trainings.
+    """
     rows = []
     for key in dict.fromkeys((c["scenario"], c["choice"]) for c in cells):
         own = [c for c in cells if (c["scenario"], c["choice"]) == key]
-        ratios = {p: np.concatenate([c["ratio"][p] for c in own]) for p in everywhere(own)}
-        papers = [p for p in PAPER if p in ratios]
-        against = {"paper": max(papers, key=lambda p: ratios[p].mean()) if papers else None}
-        against["ours"] = OURS if OURS in ratios else None
-        for policy, ratio in ratios.items():
-            of = np.concatenate([c["of arrival"][policy] for c in own])
-            row = {"scenario": key[0], "choice": key[1], "policy": policy, "instances": ratio.size}
-            row |= {"ratio": ratio.mean(), "of arrival": of.mean()}
+        for policy in own[0]["ratio"]:
+            row = {"scenario": key[0], "choice": key[1], "policy": policy}
+            row |= {"instances": sum(len(c["ratio"][policy]) for c in own)}
+            row |= {"ratio": np.mean([c["ratio"][policy] for c in own])}
+            row |= {"of arrival": np.mean([c["of arrival"][policy] for c in own])}
             row["worlds"] = [np.mean(c["ratio"][policy]) for c in own]
-            for whose, network in against.items():
-                if network is not None:
-                    gain = mean_interval(ratio, ratios[network])
-                    row[whose] = {"network": network, "gain": gain.mean, "low": gain.low, "high": gain.high}
+            row["less"] = {}
+            for other in (network for network in NETWORKS if network in own[0]["ratio"] and network != policy):
+                gains = [units(c, policy) - units(c, other) for c in own]
+                over = mean_interval(np.concatenate(gains))
+                row["less"][other] = {"gain": over.mean, "low": over.low, "high": over.high}
+                if len(own) > 1:
+                    worlds = mean_interval(np.array([gain.mean() for gain in gains]))
+                    row["less"][other] |= {"low over worlds": worlds.low, "high over worlds": worlds.high}
             seconds = [c["seconds"][policy] for c in own if policy in c["seconds"]]
             rows.append(row | {"seconds": float(np.mean(seconds)) if seconds else None})
     return rows
 
 
-def everywhere(cells: list[dict]) -> list[str]:
-    """Policies that no cell lacks."""
-    return [policy for policy in cells[0]["ratio"] if all(policy in cell["ratio"] for cell in cells)]
+def units(cell: dict, policy: str) -> np.ndarray:
+    """What is independent within a world: the ratio of each instance; of each half-hour's mean, where trips are."""
+    ratio, name = np.array(cell["ratio"][policy]), cell["scenario"]
+    return ratio.reshape(-1, TABLE_1[name].split[1]).mean(axis=0) if name.startswith("nyc") else ratio
 
 
-def interval(row: dict, whose: str) -> str:
-    """A paired difference, or nothing."""
-    found = row.get(whose)
-    return "" if found is None else f"{found['gain']:+.2f} [{found['low']:+.2f}, {found['high']:+.2f}]"
+def shown(row: dict, other: str) -> str:
+    """A paired difference with both intervals, or nothing."""
+    found = row["less"].get(other)
+    if found is None:
+        return ""
+    told = f"{found['gain']:+.2f} [{found['low']:+.2f}, {found['high']:+.2f}]"
+    if "low over worlds" in found:
+        told += f" [{found['low over worlds']:+.2f}, {found['high over worlds']:+.2f}]"
+    return told
 
 
 def main() -> None:
@@ -187,28 +199,23 @@ def main() -> None:
     plan = [(n, s, c, g) for g, c, s, n in every]
     trips = {n: chosen.trips if n.startswith("nyc") else None for n in chosen.scenarios}
     run = joblib.Parallel(chosen.jobs)
-    halves = run(joblib.delayed(kept)(chosen.cells, n, s, c, g, trips[n], chosen.tests) for n, s, c, g in plan)
-    cells = joined(halves)
+    measured = run(joblib.delayed(kept)(chosen.cells, n, s, c, g, trips[n], chosen.tests) for n, s, c, g in plan)
+    cells = joined(measured)
     rows = summary(cells)
-    table = Table(title="value functions")
-    headings = (
-        "scenario",
-        "choice",
-        "policy",
-        "ratio %",
-        "of arrival %",
-        "less the paper's",
-        "less ours",
-        "CPU seconds",
-    )
+    table = Table(title="value functions: paired differences over instances, and over worlds")
+    headings = ("scenario", "choice", "policy", "ratio %", "of arrival %", *(f"less {n}" for n in NETWORKS), "CPU s")
     for heading in headings:
         table.add_column(heading)
     for row in rows:
-        numbers = (f"{row['ratio']:.2f}", f"{row['of arrival']:.2f}", interval(row, "paper"), interval(row, "ours"))
+        numbers = (f"{row['ratio']:.2f}", f"{row['of arrival']:.2f}", *(shown(row, network) for network in NETWORKS))
         spent = "" if row["seconds"] is None else f"{row['seconds']:.1f}"
         table.add_row(row["scenario"], row["choice"], row["policy"], *numbers, spent)
-    Console().print(table)
+    console = Console(width=200)
+    console.print(table)
     failed = [{k: c[k] for k in ("scenario", "seed", "choice", "failed")} for c in cells if c["failed"]]
+    for cell in failed:
+        for label in cell["failed"]:
+            console.print(f"{cell['scenario']}, world {cell['seed']}, {cell['choice']}: {label} led nowhere: myopic")
     result = {"machine": machine("numpy", "scipy", "torch"), "jobs": chosen.jobs, "rows": rows, "failed": failed}
     chosen.out.write_text(json.dumps(result, indent=1) + "\n")
 

@@ -35,9 +35,8 @@ them, 5,000 instances leave three quarters of the gap that 1,500 leave, and 12,0
 POOL = 7_200
 """Instances from which arrivals are drawn that might have come instead: enough of their own for each of 120."""
 
-POOL_STREAM, TEST_STREAM = 2, 4
-"""Spawn keys of the world's seed; samples have (0,), (1,), ... below theirs, splits (1, 0), (1, 1), ..., and further
-training instances (3, 0), (3, 1), ..."""
+POOL_STREAM = 2
+"""Spawn key of the world's seed; :data:`optkit.scenarios.FURTHER_STREAMS` tells of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +132,15 @@ def scenario_charging(
     share, presence = np.full(groups, 1.0 / groups), fifo_presence(rate, max(LONGEST, source.settings.horizon))
     if training is None:
         training = min(MOST, round(TRAINING / max(1.0, source.settings.request_rate * source.settings.horizon)))
-    fitted = train(source.training(training), one, choice="true")
+    fitted = train(source.further("train", training), one, choice="true")
     if isinstance(source, TripScenario):
-        foresight, own = Foresight(presence, share), len(source.training_episodes())
+        foresight, own = Foresight(presence, share), len(source.episodes_of("train"))
         told = f"value function: trained on {training} realisations of the split's {own} training half-hours"
         return Charging(
             fitted.value, foresight, fitted.policy, (workers, "requests: nothing is assumed, nor charged for", told)
         )
-    others = tuple(_bare(day) for day in source.sample(pool, _stream(source, POOL_STREAM)))
+    stream = np.random.SeedSequence(source.seed, spawn_key=(POOL_STREAM,))
+    others = tuple(_bare(day) for day in source.sample(pool, stream))
     nothing = float(np.exp(-source.settings.request_rate))
     foresight = Foresight(presence, share, others, nothing, draws=draws)
     requests = f"requests arrive at {source.settings.request_rate:g} a step (Poisson), as in {pool} other instances"
@@ -250,7 +250,7 @@ def held_out(source: Scenario, count: int | None = None) -> list[Instance]:
     check_count(count)
     if count > len(tests) and isinstance(source, TripScenario):
         raise InputError(f"{count} instances: these trips make {len(tests)} test instances of distinct half-hours")
-    return [*tests, *source.sample(max(0, count - len(tests)), _stream(source, TEST_STREAM))][:count]
+    return [*tests, *source.further("test", max(0, count - len(tests)))][:count]
 
 
 def presence_score(instances: Sequence[Instance], foresight: Foresight) -> float:
@@ -276,10 +276,6 @@ def presence_score(instances: Sequence[Instance], foresight: Foresight) -> float
     if spread == 0.0:
         return 0.0 if more == 0.0 else float(np.copysign(np.inf, more))
     return more / float(np.sqrt(spread))
-
-
-def _stream(source: Scenario, stream: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(source.seed, spawn_key=(stream,))
 
 
 def _bare(instance: Instance) -> Instance:

@@ -14,6 +14,7 @@ from scipy import sparse
 from optkit import __version__
 from optkit.errors import DataError, InputError, OptkitError
 from optkit.instance import Instance
+from optkit.models.mean_value import MeanValue
 from optkit.models.preferences import Preferences
 from optkit.plain import to_json
 from optkit.trained import Trained
@@ -55,8 +56,9 @@ class Checkpoint:
         self.folder = None if folder is None else Path(folder)
         if self.folder is None:
             return
-        if not callable(getattr(estimator, "to_dict", None)):
-            raise InputError(f"a {type(estimator).__name__} has no to_dict: it cannot be kept in a checkpoint")
+        for one in (estimator, *((estimator.values or ()) if isinstance(estimator, MeanValue) else ())):
+            if not callable(getattr(one, "to_dict", None)):
+                raise InputError(f"a {type(one).__name__} has no to_dict: it cannot be kept in a checkpoint")
         believed = choice if isinstance(choice, str) else choice.to_dict()
         form = estimator.get_params() if hasattr(estimator, "get_params") else repr(estimator)
         plain = {name: value for name, value in settings.items() if name != "seeds"}

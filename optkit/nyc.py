@@ -13,7 +13,7 @@ import numpy as np
 from optkit.episodes import MODES, Episode, Mode, cut_episodes
 from optkit.errors import DataError, InputError
 from optkit.instance import Instance
-from optkit.scenarios import Scenario, Split, adjust, cut, world_generator
+from optkit.scenarios import Part, Scenario, Split, adjust, cut, world_generator
 from optkit.seeds import check_count, seed_sequence
 from optkit.trip_files import Paths
 from optkit.trips import REGIONS, Trips, read_trips
@@ -114,23 +114,27 @@ class TripScenario(Scenario):
         sizes = _shrunk(self.settings.split, len(self.episodes))
         return cut(self.sample(sum(sizes), self._split_seed), sizes)
 
-    def training(self, count: int) -> list[Instance]:
-        """Realise the split's training half-hours anew, one after the other; see the base class.
+    def further(self, part: Part, count: int) -> list[Instance]:
+        """Realise the half-hours of a part of the split anew, one after the other; see the base class.
 
         Raises
         ------
         InputError
-            If ``count`` is negative.
-        DataError
-            As :meth:`split`.
+            If there is no such part or it is empty, or ``count`` is negative.
         """
         check_count(count)
-        own = self.training_episodes()
-        return [self.instance(seed, own[i % len(own)]) for i, seed in enumerate(self._training_seed.spawn(count))]
+        seeds = self._further_seed(part).spawn(count)
+        own = self.episodes_of(part)
+        if count and not own:
+            raise InputError(f"split = {self.settings.split} has no {part} half-hours: give each part at least 1")
+        return [self.instance(seed, own[i % len(own)]) for i, seed in enumerate(seeds)]
 
-    def training_episodes(self) -> list[int]:
-        """Return the number of the episode behind each of the split's training instances."""
-        return self.order(_shrunk(self.settings.split, len(self.episodes))[0], self._split_seed)
+    def episodes_of(self, part: Part) -> list[int]:
+        """Return the number of the episode behind each instance of a part of the split."""
+        sizes = _shrunk(self.settings.split, len(self.episodes))
+        order = self.order(sum(sizes), self._split_seed)
+        at = Split._fields.index(part)
+        return order[sum(sizes[:at]) : sum(sizes[: at + 1])]
 
     @property
     def _split_seed(self) -> np.random.SeedSequence:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,11 @@ from optkit.instance import Instance
 from optkit.seeds import check_count, seed_sequence
 from optkit.world import TABLE_1, Settings, World, furnish, poisson_requests
 
-TRAINING_STREAM = 3
-"""Spawn key, below the world's seed, of further training instances; :mod:`optkit.charging` has others."""
+Part = Literal["train", "test", "validation"]
+
+FURTHER_STREAMS: dict[Part, int] = {"train": 3, "test": 4, "validation": 5}
+"""Spawn keys of the world's seed for further instances of each part. Samples have (0,), (1,), ... below their seed,
+splits (1, 0), (1, 1), ..., these (3, 0), (3, 1), ...; :mod:`optkit.charging` has (2, 0), (2, 1), ..."""
 
 
 class Split(NamedTuple):
@@ -89,28 +92,35 @@ class Scenario:
         drawn = self.sample(sum(self.settings.split), np.random.SeedSequence(self.seed, spawn_key=(1,)))
         return cut(drawn, self.settings.split)
 
-    def training(self, count: int) -> list[Instance]:
-        """Draw ``count`` further training instances, fixed by the world's seed: as many as one likes.
+    def further(self, part: Part, count: int) -> list[Instance]:
+        """Draw ``count`` further instances for a part of the split, fixed by the world's seed: as many as one likes.
 
-        None is in the split, nor in any sample. A scenario with trips realises the split's training half-hours anew,
-        one after the other, and never those to test on.
+        None is in the split, in a sample, or in those of another part. A scenario with trips realises the half-hours of
+        that part of the split anew, one after the other.
+
+        Parameters
+        ----------
+        part : {"train", "test", "validation"}
+            Of :class:`Split`.
+        count : int
+            Number of instances, at least 0.
 
         Raises
         ------
         InputError
-            If ``count`` is negative.
+            If there is no such part, or ``count`` is negative.
 
         Examples
         --------
-        >>> len(scenario("I.2", seed=0).training(3))
+        >>> len(scenario("I.2", seed=0).further("train", 3))
         3
         """
-        return self.sample(count, self._training_seed)
+        return self.sample(count, self._further_seed(part))
 
-    @property
-    def _training_seed(self) -> np.random.SeedSequence:
-        # Samples have the keys (0,), (1,), ... below their seed, this one's have (3, 0), (3, 1), ...
-        return np.random.SeedSequence(self.seed, spawn_key=(TRAINING_STREAM,))
+    def _further_seed(self, part: Part) -> np.random.SeedSequence:
+        if part not in FURTHER_STREAMS:
+            raise InputError(f"part = {part!r}: a split has train, test and validation")
+        return np.random.SeedSequence(self.seed, spawn_key=(FURTHER_STREAMS[part],))
 
     def describe(self) -> dict[str, Any]:
         """Name, seed and settings as plain data, enough to make the scenario again."""

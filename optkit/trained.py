@@ -42,10 +42,12 @@ class Trained:
         One entry per round: ``seed``, ``round``, ``deviation`` (money), ``score``, ``residual`` (money), ``seconds``,
         ``error``.
     settings : dict
-        As in :class:`optkit.training.Settings`, with ``choice`` (``"given"`` for preferences that were passed), and the
-        number of training ``instances`` and their ``horizon``.
+        As in :class:`optkit.training.Settings`.
     failures : list of str
         Seeds that diverged, and why.
+    source : dict
+        The ``choice`` model (``"given"`` for preferences that were passed), the number of training ``instances`` and
+        their ``horizon``; empty if a file says nothing of them.
     """
 
     policy: PostDecisionPricing
@@ -55,6 +57,7 @@ class Trained:
     record: list[dict[str, Any]]
     settings: dict[str, Any]
     failures: list[str] = field(default_factory=list)
+    source: dict[str, Any] = field(default_factory=dict)
 
     def table(self) -> pd.DataFrame:
         """The record as a DataFrame."""
@@ -88,6 +91,7 @@ class Trained:
                 "settings": self.settings,
                 "record": self.record,
                 "failures": self.failures,
+                "source": self.source,
             }
         )
         staging = target.with_name(f".{target.name}.tmp")
@@ -127,13 +131,14 @@ class Trained:
             if not math.isfinite(score := float(plain["score"])):
                 raise InputError(f"the score {score} is no number")
             more = (score, [dict(row) for row in plain["record"]], dict(plain["settings"]), list(plain["failures"]))
+            told = dict(plain.get("source", {}))
         except InputError as error:
             raise DataError(f"{source}: {error}") from None
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
             raise DataError(f"{source} is incomplete: {error!r}") from None
         choice = TrueChoice() if preferences is None else preferences
         policy = PostDecisionPricing(choice=choice, value_function=BelievedValue(value, preferences))
-        return cls(policy, value, preferences, *more)
+        return cls(policy, value, preferences, *more, told)
 
 
 def _value(plain: dict[str, Any]) -> SetValue:

@@ -110,15 +110,15 @@ def train(
         A scenario or a split train on their training instances and choose by their validation instances. Plain
         instances are all trained on, and the last round counts.
     value : {"linear", "kernel", "mean", "attention", "attention-levels", "attention-printed"} or Estimator
-        The value function's form. ``"mean"``, of two light forms, :class:`~optkit.models.mean_value.MeanValue`, wants
+        The value function's form. ``"mean"``, of three light forms, :class:`~optkit.models.mean_value.MeanValue`, wants
         many instances. ``"attention"`` is the network trained on differences, ``"attention-levels"`` on the levels of
         Algorithm 1, with settings chosen for them; both need ``optkit[attention]``.
     choice : {"learned", "pooled", "true"} or Preferences
         The choice model: learned along the way by group or for all groups together, the truth, or given.
     instances : int, optional
-        Train a scenario on so many instances drawn for it, :meth:`~optkit.scenarios.Scenario.training`, in place of the
-        480 of its split. A scenario with trips has few half-hours to train on; to realise each several times is worth
-        0.3 to 0.5 points there.
+        Train a scenario on so many instances drawn for it, :meth:`~optkit.scenarios.Scenario.further`, in place of the
+        480 of its split, and choose by as many more in proportion. A scenario with trips has few half-hours; to realise
+        each several times is worth 0.3 to 0.5 points there.
     checkpoint : path, optional
         Folder in which each seed's outcome is kept as soon as it is there. A training that was interrupted goes on from
         it, if its settings and instances are the same.
@@ -198,14 +198,19 @@ def training_split(source: Scenario | Split, instances: int | None = None) -> Sp
     Raises
     ------
     InputError
-        If instances are asked for of what is no scenario, or their number is no whole number of at least 0.
+        If instances are asked for of what is no scenario, or their number is no whole number of at least 1.
     """
-    if isinstance(source, Scenario):
-        split = source.split()
-        return split if instances is None else split._replace(train=source.training(instances))
-    if instances is not None:
+    if instances is None:
+        return source.split() if isinstance(source, Scenario) else source
+    if not isinstance(source, Scenario):
         raise InputError(f"instances = {instances} can be drawn from a scenario only: pass one, or leave instances out")
-    return source
+    if isinstance(instances, bool) or not isinstance(instances, int | np.integer) or instances < 1:
+        raise InputError(f"instances = {instances!r} must be a whole number of at least 1")
+    split = source.split()
+    # As many to choose by, in proportion: rounds differ by less than the few of the split can tell.
+    by = max(len(split.validation), round(instances * len(split.validation) / max(1, len(split.train))))
+    further = {"validation": source.further("validation", by)} if split.validation else {}
+    return split._replace(train=source.further("train", instances), **further)
 
 
 def _tell(progress: Callable[[int, int], object] | None, before: int, total: int, done: int) -> None:
@@ -263,10 +268,10 @@ class _Course:
             raise InputError(f'choice = {self.choice!r}: take "learned", "pooled", "true", or Preferences')
 
     @property
-    def told(self) -> dict[str, Any]:
-        """The settings as plain data, with the choice model, and number and horizon of the training instances."""
+    def source(self) -> dict[str, Any]:
+        """What is trained on, as plain data."""
         choice = self.choice if isinstance(self.choice, str) else "given"
-        return {**asdict(self.settings), "choice": choice, "instances": len(self.batch), "horizon": self.batch.horizon}
+        return {"choice": choice, "instances": len(self.batch), "horizon": self.batch.horizon}
 
     @cached_property
     def _learned(self) -> Learned:
@@ -307,7 +312,7 @@ class _Course:
             record.append({**row, "seconds": round(time.perf_counter() - started, 3), "error": None})
             short = 0 if best is None or score >= best.score else short + 1
             if short == 0:
-                best = Trained(policy, policy.value_function.value, preferences, score, record, self.told)  # type: ignore[attr-defined]
+                best = Trained(policy, policy.value_function.value, preferences, score, record, asdict(settings))  # type: ignore[attr-defined]
             if k + 1 < len(settings.deviations):  # the last is told when the outcome is safe
                 tell(k + 1)
             if short >= PATIENCE:
@@ -318,7 +323,7 @@ class _Course:
     def checked(self, best: Trained, failures: list[str]) -> Trained:
         """Return the chosen policy, unless validation says that it is worse than not waiting at all."""
         # A checkpoint may come from a call that asked for fewer seeds.
-        best = replace(best, settings=self.told, failures=failures)
+        best = replace(best, settings=asdict(self.settings), failures=failures, source=self.source)
         if len(self.validation):
             gain = mean_interval(self._scores(best.policy), self._scores(_policy(None, best.preferences)))
             if gain.high < 0:

@@ -93,9 +93,9 @@ def test_options_reach_the_training(optkit, tmp_path):
     told, found = strict(out), Trained.load(path)
     assert (code, err) == (0, "")
     settings = {"deviations": [6.0, 3.0, 1.0], "discount": 0.9, "seeds": 2, "seed": 5}
-    settings |= {"choice": "pooled", "instances": 60, "horizon": 50}
     assert told["settings"] == settings
     assert found.settings == settings
+    assert found.source == {"choice": "pooled", "instances": 60, "horizon": 50}
     assert type(found.value).__name__ == "KernelValue"
     assert found.preferences.pooled
     assert told["record"] == found.record
@@ -317,7 +317,7 @@ BAD = {
     "negative deviation": (["train", "I.1", *SMALL, "--deviations", "8,-4"], "deviations"),
     "discount": (["train", "I.1", *SMALL, "--discount", "2"], "discount = 2"),
     "seeds": (["train", "I.1", *SMALL, "--seeds", "0"], "seeds = 0"),
-    "instances": (["train", "I.1", *SMALL, "--instances", "-5"], "count = -5"),
+    "instances": (["train", "I.1", *SMALL, "--instances", "-5"], "instances = -5 must be"),
     "training seed": (["train", "I.1", *SMALL, "--training-seed", "-1"], "seed"),
     "nothing to choose by": (["train", "I.1", "--set", "split=5,5,0", "--seeds", "2"], "validation instances"),
     "no policy": (["evaluate", "absent.json", "I.1"], "absent.json cannot be read"),

@@ -145,12 +145,19 @@ def test_the_split_keeps_episodes_apart(year: Trips) -> None:
     assert episodes != [which(i) for part in trip_scenario("nyc-weak", 1, year).split() for i in part]
 
 
-def test_further_training_instances_realise_the_training_episodes_anew(year: Trips) -> None:
-    """One after the other and again from the start, never a test episode; each realisation has requests of its own."""
+def test_further_instances_realise_the_episodes_of_their_part_anew(year: Trips) -> None:
+    """One after the other and again from the start; each realisation has requests of its own."""
     source = trip_scenario("nyc-weak", 0, year)
-    own, more = [which(day) for day in source.split().train], source.training(160)
-    assert [which(day) for day in more] == (own * 3)[:160]
-    assert len({day.utility.tobytes() for day in [*more, *source.split().train]}) == 160 + 76
+    split, seen = source.split(), set()
+    for part in ("train", "test", "validation"):
+        own, more = [which(day) for day in getattr(split, part)], source.further(part, 160)
+        assert [which(day) for day in more] == (own * 16)[:160]
+        seen |= {day.utility.tobytes() for day in more}
+    assert len(seen | {day.utility.tobytes() for part in split for day in part}) == 3 * 160 + 106
+    with pytest.raises(InputError, match="has no train half-hours: give each part"):
+        trip_scenario("nyc-weak", 0, year, split=(0, 5, 2)).further("train", 4)
+    with pytest.raises(InputError, match="part = 'tests'"):
+        source.further("tests", 1)
 
 
 @pytest.mark.parametrize(

@@ -188,18 +188,19 @@ def test_instances_do_not_share_their_stream_with_the_world():
     assert not np.array_equal(np.random.default_rng(child).random(4), world_generator(5).random(4))
 
 
-def test_further_training_instances_are_drawn_apart():
-    """They begin alike for any number, are the same each time, and none is in the split or in a sample."""
+def test_further_instances_are_drawn_apart():
+    """They begin alike for any number, are the same each time, and none is in the split, in a sample or elsewhere."""
     source = scenario("I.1", seed=3, split=(20, 10, 5))
-    few, many = source.training(4), source.training(12)
-    assert few == many[:4] == scenario("I.1", seed=3).training(4)
+    parts = {part: source.further(part, 12) for part in ("train", "test", "validation")}
+    assert source.further("train", 4) == parts["train"][:4] == scenario("I.1", seed=3).further("train", 4)
     other = [*(day for part in source.split() for day in part), *source.sample(40, seed=3), *source.sample(5, seed=0)]
-    mine = {day.reward.tobytes() for day in many}
-    assert len(mine) == 12
-    assert mine.isdisjoint(day.reward.tobytes() for day in other)
-    assert source.training(0) == []
+    every = [day.reward.tobytes() for day in [*other, *(day for drawn in parts.values() for day in drawn)]]
+    assert len(set(every)) == len(every) == 35 + 45 + 36
+    assert source.further("train", 0) == []
     with pytest.raises(InputError, match="count = -1"):
-        source.training(-1)
+        source.further("train", -1)
+    with pytest.raises(InputError, match="part = 'tests': a split has train, test and validation"):
+        source.further("tests", 1)
 
 
 def test_describe_makes_the_scenario_again():

@@ -68,8 +68,8 @@ def test_the_file_is_plain_json(tmp_path, trained):
     assert (plain["format"], plain["version"]) == ("optkit trained policy", 1)
     assert plain["value"]["coef"] == one.value.coef_.tolist()
     assert plain["preferences"]["weights"] == one.preferences.weights.tolist()
-    settings = {"deviations": [8.0, 4.0], "discount": 1.0, "seeds": 1, "seed": 0}
-    assert plain["settings"] == settings | {"choice": "learned", "instances": 30, "horizon": 50}
+    assert plain["settings"] == {"deviations": [8.0, 4.0], "discount": 1.0, "seeds": 1, "seed": 0}
+    assert plain["source"] == {"choice": "learned", "instances": 30, "horizon": 50}
     assert text.isascii()
 
 

@@ -105,7 +105,7 @@ def test_given_preferences_are_used_as_they_are(world):
     trained = train(days, choice=given)
     assert trained.preferences is given
     assert trained.policy.choice is given
-    assert trained.settings["choice"] == "given"
+    assert trained.source["choice"] == "given"
     assert (trained.value.coef_ != train(days, choice="true").value.coef_).any()
 
 
@@ -166,8 +166,8 @@ def test_the_discount_and_the_deviations_count(split):
     trained = train(split.train, Spy(), choice="true", deviations=[3, 2, 1], discount=0.9)
     assert [one.discount for one in Spy.seen] == [0.9] * 3
     assert [row["deviation"] for row in trained.record] == [3.0, 2.0, 1.0]
-    settings = {"deviations": (3.0, 2.0, 1.0), "discount": 0.9, "seeds": 1, "seed": 0}
-    assert trained.settings == settings | {"choice": "true", "instances": 20, "horizon": 50}
+    assert trained.settings == {"deviations": (3.0, 2.0, 1.0), "discount": 0.9, "seeds": 1, "seed": 0}
+    assert trained.source == {"choice": "true", "instances": 20, "horizon": 50}
 
     class Printed(Spy):
         deviations, discount = (9.0,), 0.95
@@ -487,23 +487,23 @@ def test_sources(split):
 
 
 def test_more_instances_can_be_drawn_for_a_scenario(split):
-    """They take the place of the split's training instances and leave the validation instances as they are."""
+    """They take the place of the split's, with as many in proportion to choose by."""
     source = scenario("I.1", seed=0, split=(30, 1, 10))
     more = train(source, choice="true", instances=50)
-    by_hand = train(Split(source.training(50), [], source.split().validation), choice="true")
+    drawn = Split(source.further("train", 50), [], source.further("validation", 17))  # 10 for 30
+    by_hand = train(drawn, choice="true")
     np.testing.assert_array_equal(more.value.coef_, by_hand.value.coef_)
     assert more.record[0]["score"] == by_hand.record[0]["score"]
     for other in (split, split.train):
         with pytest.raises(InputError, match="instances = 50 can be drawn from a scenario only"):
             train(other, choice="true", instances=50)
-    with pytest.raises(InputError, match="count = -1"):
-        train(source, choice="true", instances=-1)
-    with pytest.raises(InputError, match="training needs instances"):
-        train(source, choice="true", instances=0)
+    for wrong in (-1, 0, 1.5, True, "many"):
+        with pytest.raises(InputError, match=f"instances = {wrong!r} must be a whole number of at least 1"):
+            train(source, choice="true", instances=wrong)
 
 
 def test_networks_by_their_names(split):
-    """Each name brings its settings; Algorithm 1's levels differ from differences in the coefficients they end with."""
+    """Each name brings its settings, and its discount; the paper's two regress levels."""
     pytest.importorskip("torch", reason="needs PyTorch: pip install 'optkit[attention]'")
     from optkit.models.attention_value import LEVELS, PRINTED, TUNED
 

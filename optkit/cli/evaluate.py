@@ -66,7 +66,7 @@ def evaluate(
     comparison = compare([instances[i] for i in kept], policies, bounds, labels=kept)
     if out is not None:
         write_rows(comparison.per_instance, out)
-    horizon = trained.settings.get("horizon", batch.horizon)
+    horizon = trained.source.get("horizon", batch.horizon)
     other = f"trained on instances of {horizon} steps, these have {batch.horizon}: prices near the end may be off"
     note = None if horizon == batch.horizon else other
     if as_json:

@@ -93,7 +93,12 @@ def train(
     at = _chosen(trained)
     if as_json:
         told: dict[str, Any] = {"file": str(out), "source": source, "value": value, "choice": choice, "chosen": at}
-        told |= {"settings": trained.settings, "record": trained.record, "failures": trained.failures}
+        told |= {
+            "trained_on": trained.source,
+            "settings": trained.settings,
+            "record": trained.record,
+            "failures": trained.failures,
+        }
         typer.echo(to_json({**told, "seconds": round(seconds, 3)}))
         return
     header = ["seed", "round", "exploration", "validation reward", "residual", "seconds"]

@@ -34,7 +34,8 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     values : sequence of value functions, optional
-        Not fitted; they are copied.
+        They are copied, and keep their seeds: networks need one each. Their deviations and discounts do not count, only
+        those of :func:`~optkit.training.train`.
 
     Attributes
     ----------
@@ -51,6 +52,10 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
     >>> [type(value).__name__ for value in trained.value.values_]
     ['LinearValue', 'KernelValue', 'KernelValue']
     """
+
+    values_: list[Member]
+    residual_: float
+    _fitted_from: Sequence[Member] | None
 
     deviations: ClassVar[tuple[float, ...]] = (6.0, 1.0)
     """Exploration noise of each round, money, unless :func:`~optkit.training.train` is told another."""
@@ -75,16 +80,25 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
         TrainingError
             If a member diverges.
         """
-        members = _default() if self.values is None else list(self.values)
-        if not members:
-            raise InputError("values is empty: a mean needs at least one value function")
-        # A member that learns from round to round goes on from its last one.
-        fitted = copy.deepcopy(getattr(self, "values_", members))
+        # A member that learns from round to round goes on from its last one, unless there are others now.
+        goes_on = hasattr(self, "values_") and self._fitted_from is self.values
+        fitted = copy.deepcopy(self.values_ if goes_on else self._members())
         for one in fitted:
             one.fit(experience)
-        self.values_ = fitted
+        self.values_, self._fitted_from = fitted, self.values
         self.residual_ = float(np.sqrt(np.mean([getattr(one, "residual_", np.nan) ** 2 for one in fitted])))
         return self
+
+    def _members(self) -> list[Member]:
+        if self.values is None:
+            return _default()
+        if not isinstance(self.values, Sequence) or not self.values:
+            raise InputError(f"values = {self.values!r} must be a list of at least one value function")
+        for i, one in enumerate(self.values):
+            wanted = ("fit", "value", "opportunity_cost")
+            if isinstance(one, type) or not all(callable(getattr(one, name, None)) for name in wanted):
+                raise InputError(f"values[{i}] = {one!r} is no value function: it needs {', '.join(wanted)}")
+        return list(self.values)
 
     @property
     def sees_busy(self) -> bool:
@@ -137,8 +151,8 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
             raise InputError("the mean of value functions cannot be read: it has no members")
         if any(one.get("kind") == "MeanValue" for one in written):
             raise InputError("the mean of value functions cannot be read: one of its members is a mean")
-        made = cls()
-        made.values_ = [read(one) for one in written]
+        made = cls([read(one) for one in written])
+        made.values_, made._fitted_from = list(made.values or ()), made.values
         return made
 
     def _fitted(self) -> list[Member]:

@@ -173,7 +173,10 @@ def is_group(number: Any) -> bool:
 
 def knots(name: str, x: npt.ArrayLike) -> Floats:
     """Return knots as an array; InputError unless they are at least two increasing numbers."""
-    array = np.asarray(x, dtype=float)
+    try:
+        array = np.asarray(x, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {x!r} must be at least two increasing numbers") from None
     if array.ndim != 1 or array.size < 2 or not (np.diff(array) > 0).all() or not np.isfinite(array).all():
         raise InputError(f"{name} must be at least two increasing numbers; got {array.tolist()}")
     return array

@@ -19,7 +19,7 @@ from sklearn.cluster import KMeans
 
 from optkit.errors import InputError, TrainingError
 from optkit.instance import Floats
-from optkit.models.ranked_term import RankedTerm
+from optkit.models.ranked_term import RankedTerm, knots
 from optkit.models.request_sets import Requests, RequestSets, SetValue
 from optkit.models.value_features import HatFeatures, KernelFeatures, coordinates, features_of, surplus_knots
 
@@ -255,8 +255,8 @@ class LinearValue(_LinearInTerms):
         if not (isinstance(self.surplus_knots, int | np.integer) and self.surplus_knots >= 2):
             raise InputError(f"surplus_knots = {self.surplus_knots!r} must be a whole number of at least 2")
         requests = experience.requests
-        time, rank = np.asarray(self.time_knots, dtype=float), np.asarray(self.rank_knots, dtype=float)
-        busy = None if self.busy_knots is None else np.asarray(self.busy_knots, dtype=float)
+        time, rank = knots("time_knots", self.time_knots), knots("rank_knots", self.rank_knots)
+        busy = None if self.busy_knots is None else knots("busy_knots", self.busy_knots)
         known = _known(requests)
 
         def hat(group: int | None) -> HatFeatures:
@@ -335,8 +335,8 @@ class KernelValue(_LinearInTerms):
         standard = (points - center) / scale
         count = min(self.landmarks, len(np.unique(standard, axis=0)))
         means = KMeans(count, n_init=1, random_state=self.seed).fit(standard).cluster_centers_
-        rank = np.asarray(self.rank_knots, dtype=float)
-        busy = None if self.busy_knots is None else np.asarray(self.busy_knots, dtype=float)
+        rank = knots("rank_knots", self.rank_knots)
+        busy = None if self.busy_knots is None else knots("busy_knots", self.busy_knots)
         return [RankedTerm(KernelFeatures(center, scale, means, float(self.gamma)), "surplus", rank, busy)]
 
 

@@ -17,6 +17,30 @@ from optkit.trained import Trained
 from optkit.training import train
 
 
+class Drawn:
+    """Experience of random sets for T = 4, with targets that a function of them gives."""
+
+    horizon = 4
+
+    def __init__(self, draw, target, b=40):
+        self._sets = [draw(100 + step, b, 6, 1, step=step, ties=False) for step in range(3)]
+        self._target, self.requests = target, self._sets[0].requests
+
+    def sets(self, step):
+        """Random sets; None after the last step."""
+        return None if step >= 3 else self._sets[step]
+
+    def target_differences(self, value, step):
+        """Targets of the members."""
+        sets = self._sets[step]
+        return np.where(sets.member, self._target(sets), 0.0)
+
+
+def urgency(sets):
+    """Targets that shrink with the time left."""
+    return sets.penalty + sets.mean_surplus / (1.0 + np.abs(sets.steps_left))
+
+
 @pytest.fixture(scope="module")
 def days():
     """Few and short: quick trainings."""
@@ -97,8 +121,15 @@ def test_the_file_prices_as_the_policy_did(trained, days, tmp_path):
 
 def test_misuse_is_told(days, tmp_path, random_sets):
     """No members, not fitted, and members that cannot be written are errors of ours."""
-    with pytest.raises(InputError, match="values is empty"):
-        train(days, MeanValue([]), choice="true")
+    for members, words in (
+        ([], r"values = \[\] must be a list"),
+        (LinearValue(), "must be a list of at least one value function"),
+        ([LinearValue(), KernelValue], r"values\[1\] = .* is no value function"),
+        ([3], r"values\[0\] = 3 is no value function: it needs fit, value, opportunity_cost"),
+    ):
+        with pytest.raises(InputError, match=words) as caught:
+            train(days, MeanValue(members), choice="true")
+        assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match="not fitted"):
         MeanValue().value(random_sets(0))
     with pytest.raises(InputError, match="ridge = -1"):
@@ -108,28 +139,51 @@ def test_misuse_is_told(days, tmp_path, random_sets):
         def fit(self, experience):
             return self
 
+    with pytest.raises(InputError, match="a Own has no to_dict: it cannot be kept in a checkpoint"):
+        train(days, MeanValue([LinearValue(), Own()]), choice="true", checkpoint=tmp_path / "kept")
     own = train(days, MeanValue([LinearValue(), Own()]), choice="true", deviations=(5.0,))
     assert np.isnan(own.value.residual_)
     with pytest.raises(InputError, match="a mean with a Own in it cannot be written"):
         own.save(tmp_path / "own.json")
 
 
-def test_after_an_error_all_is_as_it_was(days):
-    """A member that diverges in a later round leaves the mean of the round before."""
+def test_after_an_error_all_is_as_it_was(random_sets):
+    """If a member diverges, no other has moved either."""
 
     class Failing(LinearValue):
-        calls = 0
-
         def fit(self, experience, y=None):
-            Failing.calls += 1
-            if Failing.calls > 1:
+            if hasattr(self, "coef_"):
                 raise TrainingError("it diverged")
             return super().fit(experience)
 
-    found = train(days, MeanValue([LinearValue(), Failing()]), choice="true", deviations=(8.0, 4.0))
-    assert found.record[-1]["error"] == "it diverged"
-    first = train(days, MeanValue([LinearValue(), LinearValue()]), choice="true", deviations=(8.0,))
-    np.testing.assert_array_equal(found.value.values_[0].coef_, first.value.values_[0].coef_)
+    first, second = Drawn(random_sets, urgency, b=30), Drawn(random_sets, urgency, b=60)
+    mean = MeanValue([LinearValue(), Failing()]).fit(first)
+    before, residual = mean.values_[0].coef_.copy(), mean.residual_
+    with pytest.raises(TrainingError, match="it diverged"):
+        mean.fit(second)
+    np.testing.assert_array_equal(mean.values_[0].coef_, before)
+    assert mean.residual_ == residual
+    assert (LinearValue().fit(second).coef_ != before).any()
+
+
+def test_other_members_replace_those_that_were_fitted(random_sets, trained, tmp_path):
+    """Members go on from round to round only while they are the same; a mean from a file knows its own."""
+
+    class Counting(LinearValue):
+        rounds = 0
+
+        def fit(self, experience, y=None):
+            self.rounds += 1
+            return super().fit(experience)
+
+    experience = Drawn(random_sets, urgency)
+    mean = MeanValue([Counting()])
+    assert mean.fit(experience).fit(experience).values_[0].rounds == 2
+    mean.set_params(values=[KernelValue(landmarks=3)]).fit(experience)
+    assert [type(one) for one in mean.values_] == [KernelValue]
+    again = Trained.load(trained.save(tmp_path / "mean.json")).value
+    assert [type(one) for one in clone(again).values] == [LinearValue, KernelValue, KernelValue]
+    assert not hasattr(clone(again).values[0], "coef_")
 
 
 def test_it_has_parameters():

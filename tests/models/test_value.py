@@ -500,6 +500,8 @@ def test_an_interrupted_fit_leaves_no_trace(random_sets):
         (LinearValue(rank_knots=(0.0,)), "rank_knots"),
         (LinearValue(busy_knots=(1.0, 0.0)), "busy_knots"),
         (KernelValue(busy_knots=(1.0, 0.0)), "busy_knots"),
+        (KernelValue(busy_knots="ab"), "busy_knots = 'ab' must be"),
+        (LinearValue(rank_knots="ab"), "rank_knots = 'ab' must be"),
         (KernelValue(landmarks=0), "landmarks = 0"),
         (KernelValue(landmarks=1.5), r"landmarks = 1\.5"),
         (KernelValue(gamma=0.0), "gamma = 0"),
