@@ -28,8 +28,8 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
     """The mean of value functions that are fitted to the same experience, each with targets of its own.
 
     Opportunity costs are linear in the value function, so theirs are averaged too. The default averages three light
-    forms that err differently: hat functions and a kernel that know the busy stretch, and a finer kernel that does not.
-    It wants many instances, some 75,000 requests, and takes as long as the network.
+    forms that err differently: hat functions that know the busy stretch, a kernel, and a kernel that knows the busy
+    stretch or, with several groups of workers, hat functions by group. It wants many instances, some 75,000 requests.
 
     Parameters
     ----------
@@ -82,16 +82,16 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
         """
         # A member that learns from round to round goes on from its last one, unless there are others now.
         goes_on = hasattr(self, "values_") and self._fitted_from is self.values
-        fitted = copy.deepcopy(self.values_ if goes_on else self._members())
+        fitted = copy.deepcopy(self.values_ if goes_on else self._members(experience.requests.surplus.shape[1]))
         for one in fitted:
             one.fit(experience)
         self.values_, self._fitted_from = fitted, self.values
         self.residual_ = float(np.sqrt(np.mean([getattr(one, "residual_", np.nan) ** 2 for one in fitted])))
         return self
 
-    def _members(self) -> list[Member]:
+    def _members(self, groups: int) -> list[Member]:
         if self.values is None:
-            return _default()
+            return _default(groups)
         if not isinstance(self.values, Sequence) or not self.values:
             raise InputError(f"values = {self.values!r} must be a list of at least one value function")
         for i, one in enumerate(self.values):
@@ -161,7 +161,9 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
         return self.values_
 
 
-def _default() -> list[Member]:
+def _default(groups: int) -> list[Member]:
     rank, busy = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0), (0.0, 1.0, 3.0, 8.0)
     hats, kernel = LinearValue(rank_knots=rank, busy_knots=busy), KernelValue(landmarks=20, rank_knots=rank)
+    if groups > 1:
+        return [hats, kernel, LinearValue(rank_knots=rank, by_group=True)]
     return [hats, kernel, KernelValue(rank_knots=rank, busy_knots=busy)]

@@ -182,7 +182,9 @@ def test_other_members_replace_those_that_were_fitted(random_sets, trained, tmp_
     mean.set_params(values=[KernelValue(landmarks=3)]).fit(experience)
     assert [type(one) for one in mean.values_] == [KernelValue]
     again = Trained.load(trained.save(tmp_path / "mean.json")).value
-    assert [type(one) for one in clone(again).values] == [LinearValue, KernelValue, KernelValue]
+    assert [type(one) for one in clone(again).values] == [LinearValue, KernelValue, LinearValue]
+    assert MeanValue().fit(experience).values_[2].busy_knots is not None  # one group
+    assert again.values_[2].by_group  # three
     assert not hasattr(clone(again).values[0], "coef_")
 
 
