@@ -193,12 +193,30 @@ def train(
 
 
 def training_split(source: Scenario | Split, instances: int | None = None) -> Split:
-    """Return what :func:`train` trains on and chooses by, see there for the arguments.
+    """Return what :func:`train` trains on and chooses by.
+
+    Parameters
+    ----------
+    source : Scenario or Split
+        A split is returned as it is.
+    instances : int, optional
+        As in :func:`train`.
+
+    Returns
+    -------
+    Split
+        With the scenario's own test instances.
 
     Raises
     ------
     InputError
         If instances are asked for of what is no scenario, or their number is no whole number of at least 1.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> [len(part) for part in training_split(scenario("I.2", seed=0, split=(40, 10, 4)), 100)]
+    [100, 10, 10]
     """
     if instances is None:
         return source.split() if isinstance(source, Scenario) else source

@@ -104,12 +104,12 @@ def test_options_reach_the_training(optkit, tmp_path):
 
 
 def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
-    """--instances draws them in place of the split's, and the output says how many there were."""
+    """--instances draws them in place of the split's, and in proportion to choose by; the output says how many."""
     path = tmp_path / "p.json"
     options = ["--choice", "true", "--instances", 90, "--out", path]
     code, out, _ = optkit("train", "I.1", *SMALL, *options, "--quiet")
     assert code == 0
-    assert "instances: 90 for training, 10 for validation" in out
+    assert "instances: 90 for training, 15 for validation" in out
     expected = train(scenario("I.1", seed=0, split=(60, 20, 10)), choice="true", instances=90)
     assert Trained.load(path).value.to_dict() == expected.value.to_dict()
     folder = save_instances(tmp_path / "days", scenario("I.1", seed=0).sample(20, seed=1))
