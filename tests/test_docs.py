@@ -4,6 +4,7 @@ import doctest
 import json
 import re
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
@@ -26,8 +27,9 @@ def test_code_blocks_print_what_the_page_shows(page):
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.name for path in EXAMPLES])
-def test_examples_run(example, capsys):
-    """Every example runs to its end and passes its own assertions."""
+def test_examples_run(example, capsys, monkeypatch):
+    """Every example runs to its end and passes its own assertions, whatever pytest was called with."""
+    monkeypatch.setattr(sys, "argv", [str(example)])
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out
 
