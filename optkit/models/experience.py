@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from optkit.errors import InputError
 from optkit.instance import Floats, Ints
 from optkit.models.closed_form import nonnegative
 from optkit.models.decision import Decisions
-from optkit.models.request_sets import Bools, Requests, RequestSets, SetValue
+from optkit.models.request_sets import Bools, Requests, RequestSets, SetValue, costs_without
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,18 +105,24 @@ class Experience:
 
         The worker and the group of the next step enter in expectation, the new requests as they came.
         """
-        sets, then, presence = self._found(step)
-        return self._lemma_1(value, RequestSets(self.requests, step + 1, sets.index, then, sets.busy), presence)
+        open_, presence, waiting = self._next(value, step)
+        future = sum(chance * value.value(sets) for chance, sets in waiting)
+        profit = self._profit(open_, value.opportunity_cost(waiting[0][1]))
+        return np.asarray(self.discount * future + _expiring(open_).sum(axis=1) + presence * profit)
 
     def target_differences(self, value: SetValue, step: int) -> Floats:
-        """Target of each set less that of the set without each member, the same arrivals after both, (b, w), money."""
-        sets, then, presence = self._found(step)
-        after = RequestSets(self.requests, step + 1, sets.index, then, sets.busy)
-        b, i = np.nonzero(sets.member)
-        fewer = after.rows(b)
-        fewer.member[np.arange(b.size), i] = False
-        difference = np.zeros(sets.member.shape)
-        difference[b, i] = self._lemma_1(value, after, presence)[b] - self._lemma_1(value, fewer, presence[b])
+        """Target of each set less that of the set without each member, the same arrivals after both, (b, w), money.
+
+        What the future loses with a member is its opportunity cost; only the decision has to be made anew without it.
+        """
+        open_, presence, waiting = self._next(value, step)
+        costs = [value.opportunity_cost(sets) for _, sets in waiting]
+        future = sum(chance[:, None] * cost for (chance, _), cost in zip(waiting, costs, strict=True))
+        b, i = np.nonzero(self._found(step)[0].member)
+        less = self._profit(open_.without(b, i), costs_without(value, waiting[0][1], b, i))
+        difference = np.zeros(open_.member.shape)
+        difference[b, i] = presence[b] * (self._profit(open_, costs[0])[b] - less)
+        difference[b, i] += (self.discount * future + _expiring(open_))[b, i]
         return difference
 
     def _found(self, step: int) -> tuple[RequestSets, Bools, Floats]:
@@ -125,26 +131,31 @@ class Experience:
             raise InputError(f"nobody waited after step {step}: there is no target")
         return found
 
-    def _lemma_1(self, value: SetValue, open_: RequestSets, presence: Floats) -> Floats:
-        """Expected optimal value of pre-decision sets, which may hold requests that expire now.
+    def _next(self, value: SetValue, step: int) -> tuple[RequestSets, Floats, list[tuple[Floats, RequestSets]]]:
+        """Who is open at the next step, how surely a worker comes, and who waits on, by busy stretch and its chance.
 
-        Their busy stretch is that of the step before.
+        The first of the last is for the case that a worker comes.
         """
+        sets, then, presence = self._found(step)
+        open_ = RequestSets(self.requests, step + 1, sets.index, then)
+        member = then & (open_.steps_left > 0)
+        if not getattr(value, "sees_busy", False) or sets.busy is None:
+            return open_, presence, [(np.ones(len(sets)), replace(open_, member=member))]
+        waits, idle = (replace(open_, member=member, busy=busy) for busy in (sets.busy + 1, 0 * sets.busy))
+        return open_, presence, [(presence, waits), (1.0 - presence, idle)]
+
+    def _profit(self, open_: RequestSets, cost: Floats) -> Floats:
+        """Expected optimal profit from a worker of unknown group, (b,), money; requests may expire now."""
         requests, workers = self.requests, self.workers
-        left = open_.steps_left
-        member = open_.member & (left > 0)
-        penalty = np.where(open_.member & (left <= 0), requests.penalty[open_.index], 0.0)
-        if getattr(value, "sees_busy", False) and open_.busy is not None:
-            waits = RequestSets(requests, open_.step, open_.index, member, open_.busy + 1)
-            idle = RequestSets(requests, open_.step, open_.index, member, np.zeros_like(open_.busy))
-            future = self.discount * (presence * value.value(waits) + (1.0 - presence) * value.value(idle))
-        else:
-            waits = RequestSets(requests, open_.step, open_.index, member)
-            future = self.discount * value.value(waits)
-        worth = requests.reward[open_.index] - penalty - self.discount * value.opportunity_cost(waits)
+        worth = requests.reward[open_.index] - _expiring(open_) - self.discount * cost
         profit = np.zeros(len(open_))
         for group in np.flatnonzero(workers.share > 0):
             mu = workers.mu[group]
             d = Decisions.of(worth, requests.utility[group][open_.index], mu, 0.0, open_.member)
             profit += workers.share[group] * mu * nonnegative(d).ratio[:, 0]
-        return np.asarray(future + penalty.sum(axis=1) + presence * profit)
+        return profit
+
+
+def _expiring(open_: RequestSets) -> Floats:
+    """Penalties of those open requests that expire now, (b, w), money."""
+    return np.where(open_.member & (open_.steps_left <= 0), open_.penalty, 0.0)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.errors import InputError
-from optkit.instance import Floats
+from optkit.instance import Floats, Ints
 from optkit.models.request_sets import Bools, RequestSets
 
 
@@ -88,9 +88,30 @@ class RankedTerm:
         weight = np.where(inside[..., None], weight, 0.0)
         own = np.einsum("bwk,wk->bw", weight, h)
         moved = np.einsum("bwk,wk->bw", weight, h - _before(h))
-        cost = np.empty_like(own)
-        np.put_along_axis(cost, order, np.where(inside, own + _behind(moved), 0.0), axis=1)
-        return np.asarray(cost)
+        return _unordered(order, np.where(inside, own + _behind(moved), 0.0))
+
+    def opportunity_cost_without(self, sets: RequestSets, theta: Floats, row: Ints, column: Ints) -> Floats:
+        """Opportunity costs in sets ``row``, (r,), once the request at ``column``, (r,), is gone, (r, w), money.
+
+        Who comes after it has moved up by one; no set is evaluated anew. 0 for padding and for the request itself.
+        """
+        order, inside, weight = self._weighted(sets, theta)
+        h = self._hats(weight.shape[1])
+        up = _before(h)
+        weight = np.where(inside[..., None], weight, 0.0)
+        own, own_up = np.einsum("bwk,wk->bw", weight, h), np.einsum("bwk,wk->bw", weight, up)
+        moved, moved_up = own - own_up, np.einsum("bwk,wk->bw", weight, up - _before(up))
+        behind, behind_up = _behind(moved), _behind(moved_up)
+        place = _unordered(order, np.broadcast_to(np.arange(order.shape[1]), order.shape))
+        cost, cost_up = _unordered(order, own + behind), _unordered(order, own_up + behind_up)
+        # Behind those before it there are no longer it and, at their old ranks, those that come after it.
+        less = _unordered(order, moved + behind - behind_up)
+        gone = sets.member[row, column]
+        first = place[row] < np.where(gone, place[row, column], place.shape[1])[:, None]
+        found = np.where(first, cost[row] - np.where(gone, less[row, column], 0.0)[:, None], cost_up[row])
+        found[~sets.member[row]] = 0.0
+        found[np.arange(len(row)), column] = 0.0
+        return np.asarray(found)
 
     def basis(self, sets: RequestSets) -> Floats:
         """Regressors of the value, (b, size)."""
@@ -106,9 +127,7 @@ class RankedTerm:
         h = self._hats(x.shape[1])
         own = np.einsum("bwq,wk->bwqk", x, h).reshape(*order.shape, x.shape[2] * h.shape[1])
         moved = np.einsum("bwq,wk->bwqk", x, h - _before(h)).reshape(own.shape)
-        difference = np.empty_like(own)
-        np.put_along_axis(difference, order[..., None], np.where(inside[..., None], own + _behind(moved), 0.0), axis=1)
-        return self._crossed(sets, difference)
+        return self._crossed(sets, _unordered(order[..., None], np.where(inside[..., None], own + _behind(moved), 0.0)))
 
     def _busy(self, sets: RequestSets) -> Floats:
         """Hat functions of the busy stretch, (b, j)."""
@@ -164,6 +183,13 @@ def _before(h: Floats) -> Floats:
 def _behind(moved: Floats) -> Floats:
     """Sum of what those after each request gain, along axis 1."""
     return np.asarray(moved[:, ::-1].cumsum(axis=1)[:, ::-1] - moved)
+
+
+def _unordered(order: npt.NDArray[np.intp], x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Put what stands in order along axis 1 back into the columns of the set."""
+    found = np.empty_like(x)
+    np.put_along_axis(found, order, x, axis=1)
+    return found
 
 
 def is_group(number: Any) -> bool:

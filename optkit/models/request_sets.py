@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -123,6 +123,12 @@ class RequestSets:
         busy = None if self.busy is None else self.busy[row]
         return RequestSets(self.requests, self.step, self.index[row], self.member[row], busy)
 
+    def without(self, row: Ints, column: Ints) -> RequestSets:
+        """Some of the sets, (r,), each without one of its requests, (r,)."""
+        fewer = self.rows(row)
+        fewer.member[np.arange(len(row)), column] = False  # rows() by index is a copy
+        return fewer
+
 
 @runtime_checkable
 class SetValue(Protocol):
@@ -193,8 +199,43 @@ def removal_differences(value: Callable[[RequestSets], Floats], sets: RequestSet
     (2,)
     """
     b, i = np.nonzero(sets.member)
-    fewer = sets.rows(b)
-    fewer.member[np.arange(b.size), i] = False  # rows() by index is a copy
     cost = np.zeros(sets.member.shape)
-    cost[b, i] = value(sets)[b] - value(fewer)
+    cost[b, i] = value(sets)[b] - value(sets.without(b, i))
     return cost
+
+
+def costs_without(value: Any, sets: RequestSets, row: Ints, column: Ints, *theta: Floats) -> Floats:
+    """Opportunity costs of what is left of sets once one request of each is gone, (r, w), money.
+
+    Parameters
+    ----------
+    value : SetValue or Term
+        Asked for ``opportunity_cost_without``, if it has a quicker way than to evaluate the smaller sets.
+    sets : RequestSets
+        Up to w requests each.
+    row, column : (r,) int
+        Which sets, and which of its requests each lacks; padding may be lacking, which changes nothing.
+    *theta : (size,) float
+        Coefficients, for a term.
+
+    Returns
+    -------
+    (r, w) float
+        Money; 0 for padding and for the request that is gone.
+
+    Examples
+    --------
+    >>> class Square(ZeroSetValue):  # a set is worth the square of its size
+    ...     def opportunity_cost(self, sets):
+    ...         return np.where(sets.member, 2.0 * sets.member.sum(axis=1, keepdims=True) - 1.0, 0.0)
+    >>> zero = np.zeros(3, int)
+    >>> alike = Requests(zero + 30.0, zero - 5.0, zero, zero + 9, np.zeros((1, 3)), np.zeros((3, 0)), zero, zero)
+    >>> sets = RequestSets(alike, 0, np.array([[0, 1, 2]]), np.ones((1, 3), bool))
+    >>> costs_without(Square(), sets, row=np.array([0]), column=np.array([1]))
+    array([[3., 0., 3.]])
+    """
+    quick = getattr(value, "opportunity_cost_without", None)
+    found = (
+        value.opportunity_cost(sets.without(row, column), *theta) if quick is None else quick(sets, *theta, row, column)
+    )
+    return np.asarray(found)

@@ -18,9 +18,9 @@ from sklearn.base import BaseEstimator
 from sklearn.cluster import KMeans
 
 from optkit.errors import InputError, TrainingError
-from optkit.instance import Floats
+from optkit.instance import Floats, Ints
 from optkit.models.ranked_term import RankedTerm, knots
-from optkit.models.request_sets import Requests, RequestSets, SetValue
+from optkit.models.request_sets import Requests, RequestSets, SetValue, costs_without
 from optkit.models.value_features import HatFeatures, KernelFeatures, coordinates, features_of, surplus_knots
 
 LARGEST = 1e3
@@ -50,7 +50,10 @@ class SetExperience(Protocol):
 
 
 class Term(Protocol):
-    """A linear part of a value function: :class:`~optkit.models.ranked_term.RankedTerm`, or one's own."""
+    """A linear part of a value function: :class:`~optkit.models.ranked_term.RankedTerm`, or one's own.
+
+    With a method like :meth:`~optkit.models.ranked_term.RankedTerm.opportunity_cost_without` it trains faster.
+    """
 
     @property
     def size(self) -> int:
@@ -172,6 +175,13 @@ class _LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
             np.where(sets.member, sets.penalty, 0.0)
             + sum(term.opportunity_cost(sets, theta) for term, theta in self._parts(sets.step))
         )
+
+    def opportunity_cost_without(self, sets: RequestSets, row: Ints, column: Ints) -> Floats:
+        """Opportunity costs in sets ``row``, (r,), once the request at ``column``, (r,), is gone, (r, w), money."""
+        parts = [costs_without(term, sets, row, column, theta) for term, theta in self._parts(sets.step)]
+        found = np.where(sets.member, sets.penalty, 0.0)[row] + sum(parts)
+        found[np.arange(len(row)), column] = 0.0
+        return np.asarray(found)
 
     def to_dict(self) -> dict[str, Any]:
         """Settings, terms and coefficients as plain data; :func:`value_of` reads it.

@@ -1,4 +1,4 @@
-"""Random sets of waiting requests for the tests of value functions."""
+"""Random sets of waiting requests, and experience made of them, for the tests of value functions."""
 
 from collections.abc import Callable
 
@@ -34,3 +34,37 @@ def draw_sets(seed: int, b: int = 3, w: int = 6, groups: int = 1, step: int = 2,
 def random_sets() -> Callable[..., RequestSets]:
     """Draw sets from a seed, see :func:`draw_sets`."""
     return draw_sets
+
+
+class Drawn:
+    """Experience of random sets and of targets that a function of them gives, for T = 4."""
+
+    horizon = 4
+
+    def __init__(self, target=None, groups=1, b=40, ties=False, empty=()):
+        self._sets = [
+            None if step in empty else draw_sets(100 + step, b, 6, groups, step=step, ties=ties) for step in range(3)
+        ]
+        self._target = target or self.urgency
+        self.requests = next(s for s in self._sets if s is not None).requests
+
+    def sets(self, step):
+        """Random sets; None after the last step."""
+        return None if step >= 3 else self._sets[step]
+
+    def target_differences(self, value, step):
+        """What the function says."""
+        sets = self._sets[step]
+        return np.where(sets.member, self._target(sets, value), 0.0)
+
+    @staticmethod
+    def urgency(sets, value):
+        """Targets beyond the penalty that grow with surplus, and shrink with time and company."""
+        worth = sets.mean_surplus / (1.0 + np.abs(sets.steps_left)) - sets.member.sum(axis=1, keepdims=True)
+        return sets.penalty + worth
+
+
+@pytest.fixture(scope="session")
+def drawn() -> type[Drawn]:
+    """Draw experience, see :class:`Drawn`."""
+    return Drawn

@@ -17,30 +17,6 @@ from optkit.trained import Trained
 from optkit.training import train
 
 
-class Drawn:
-    """Experience of random sets for T = 4, with targets that a function of them gives."""
-
-    horizon = 4
-
-    def __init__(self, draw, target, b=40):
-        self._sets = [draw(100 + step, b, 6, 1, step=step, ties=False) for step in range(3)]
-        self._target, self.requests = target, self._sets[0].requests
-
-    def sets(self, step):
-        """Random sets; None after the last step."""
-        return None if step >= 3 else self._sets[step]
-
-    def target_differences(self, value, step):
-        """Targets of the members."""
-        sets = self._sets[step]
-        return np.where(sets.member, self._target(sets), 0.0)
-
-
-def urgency(sets):
-    """Targets that shrink with the time left."""
-    return sets.penalty + sets.mean_surplus / (1.0 + np.abs(sets.steps_left))
-
-
 @pytest.fixture(scope="module")
 def days():
     """Few and short: quick trainings."""
@@ -147,7 +123,7 @@ def test_misuse_is_told(days, tmp_path, random_sets):
         own.save(tmp_path / "own.json")
 
 
-def test_after_an_error_all_is_as_it_was(random_sets):
+def test_after_an_error_all_is_as_it_was(drawn):
     """If a member diverges, no other has moved either."""
 
     class Failing(LinearValue):
@@ -156,7 +132,7 @@ def test_after_an_error_all_is_as_it_was(random_sets):
                 raise TrainingError("it diverged")
             return super().fit(experience)
 
-    first, second = Drawn(random_sets, urgency, b=30), Drawn(random_sets, urgency, b=60)
+    first, second = drawn(b=30), drawn(b=60)
     mean = MeanValue([LinearValue(), Failing()]).fit(first)
     before, residual = mean.values_[0].coef_.copy(), mean.residual_
     with pytest.raises(TrainingError, match="it diverged"):
@@ -166,7 +142,7 @@ def test_after_an_error_all_is_as_it_was(random_sets):
     assert (LinearValue().fit(second).coef_ != before).any()
 
 
-def test_other_members_replace_those_that_were_fitted(random_sets, trained, tmp_path):
+def test_other_members_replace_those_that_were_fitted(drawn, trained, tmp_path):
     """Members go on from round to round only while they are the same; a mean from a file knows its own."""
 
     class Counting(LinearValue):
@@ -176,7 +152,7 @@ def test_other_members_replace_those_that_were_fitted(random_sets, trained, tmp_
             self.rounds += 1
             return super().fit(experience)
 
-    experience = Drawn(random_sets, urgency)
+    experience = drawn()
     mean = MeanValue([Counting()])
     assert mean.fit(experience).fit(experience).values_[0].rounds == 2
     mean.set_params(values=[KernelValue(landmarks=3)]).fit(experience)

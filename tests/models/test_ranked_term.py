@@ -41,6 +41,17 @@ def test_opportunity_costs_are_differences_of_values(random_sets, kind, seed, b,
     np.testing.assert_allclose(one.opportunity_cost(sets, theta), expected, atol=1e-10)
 
 
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]), st.booleans())
+def test_opportunity_costs_without_each_request(random_sets, kind, seed, b, w, groups, ties):
+    """What is left of a set costs what it does as a set of its own; padding leaves nothing less (rounding: 1e-10)."""
+    one, sets = term(kind, groups), random_sets(seed, b, w, groups, ties=ties)
+    theta = np.random.default_rng(seed).normal(size=one.size)
+    row, column = (x.ravel() for x in np.indices(sets.member.shape))
+    cost = one.opportunity_cost_without(sets, theta, row, column)
+    np.testing.assert_allclose(cost, one.opportunity_cost(sets.without(row, column), theta), atol=1e-10)
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]))
 def test_all_is_linear_in_the_coefficients(random_sets, kind, seed, b, w, groups):

@@ -50,6 +50,13 @@ def test_rows_are_copies():
     assert twice.steps_left.tolist() == [[1.0, 6.0], [1.0, 6.0], [6.0, -3.0]]
 
 
+def test_sets_without_a_request():
+    """The original keeps all; to lack padding changes nothing."""
+    fewer = SETS.without(np.array([0, 0, 1]), np.array([1, 0, 1]))
+    assert fewer.member.tolist() == [[True, False], [False, True], [True, False]]
+    assert SETS.member.sum() == 3
+
+
 def test_removals_by_hand():
     """If a set is worth the square of its size, removing one of n costs 2 n - 1; padding costs nothing."""
     cost = removal_differences(lambda sets: sets.member.sum(axis=1) ** 2.0, SETS)

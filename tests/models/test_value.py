@@ -16,7 +16,7 @@ from optkit.metrics import mean_interval
 from optkit.models.mean_value import MeanValue
 from optkit.models.pricing import optimal_prices
 from optkit.models.ranked_term import RankedTerm
-from optkit.models.request_sets import Requests, RequestSets, removal_differences
+from optkit.models.request_sets import Requests, RequestSets, costs_without, removal_differences
 from optkit.models.value import KernelValue, LinearValue, value_of
 from optkit.models.value_features import HatFeatures
 from optkit.policies import PostDecisionPricing
@@ -184,34 +184,6 @@ def test_trained_policies_are_nearly_optimal(solved, form):
     assert mean_interval(earned, 0.995 * best).low > 0
 
 
-class Drawn:
-    """Experience of random sets and of targets that a function of them gives, for T = 4."""
-
-    horizon = 4
-
-    def __init__(self, draw, target, groups=1, b=40, ties=False, empty=()):
-        self._sets = [
-            None if step in empty else draw(100 + step, b, 6, groups, step=step, ties=ties) for step in range(3)
-        ]
-        self._target = target
-        self.requests = next(s for s in self._sets if s is not None).requests
-
-    def sets(self, step):
-        """Random sets; None after the last step."""
-        return None if step >= 3 else self._sets[step]
-
-    def target_differences(self, value, step):
-        """What the function says."""
-        sets = self._sets[step]
-        return np.where(sets.member, self._target(sets, value), 0.0)
-
-
-def urgency(sets, value):
-    """Targets beyond the penalty that grow with surplus, and shrink with time and company."""
-    worth = sets.mean_surplus / (1.0 + np.abs(sets.steps_left)) - sets.member.sum(axis=1, keepdims=True)
-    return sets.penalty + worth
-
-
 FORMS = pytest.mark.parametrize(
     "form",
     [
@@ -227,9 +199,9 @@ FORMS = pytest.mark.parametrize(
 
 @FORMS
 @pytest.mark.parametrize("groups", [1, 3])
-def test_opportunity_costs_equal_brute_force(random_sets, form, groups):
+def test_opportunity_costs_equal_brute_force(random_sets, drawn, form, groups):
     """All removals at once are the differences of values of sets evaluated one by one (rounding: 1e-8 money)."""
-    fitted = clone(form).fit(Drawn(random_sets, urgency, groups))
+    fitted = clone(form).fit(drawn(groups=groups))
     for seed in range(5):
         sets = random_sets(seed, 7, 8, groups)
         cost = fitted.opportunity_cost(sets)
@@ -238,9 +210,24 @@ def test_opportunity_costs_equal_brute_force(random_sets, form, groups):
         assert not cost[~sets.member].any()
 
 
-def test_the_order_of_the_columns_does_not_matter(random_sets):
+@FORMS
+@pytest.mark.parametrize("groups", [1, 3])
+def test_opportunity_costs_without_each_request(random_sets, drawn, form, groups):
+    """They are those of the smaller sets, found by a value function that does not know the quick way (1e-8 money)."""
+
+    class Slow:
+        opportunity_cost = clone(form).fit(drawn(groups=groups)).opportunity_cost
+
+    sets = random_sets(2, 7, 8, groups)
+    row, column = (x.ravel() for x in np.indices(sets.member.shape))
+    quick = clone(form).fit(drawn(groups=groups)).opportunity_cost_without(sets, row, column)
+    assert np.abs(quick).max() > 0.1
+    np.testing.assert_allclose(costs_without(Slow(), sets, row, column), quick, atol=1e-8)
+
+
+def test_the_order_of_the_columns_does_not_matter(random_sets, drawn):
     """Prices do not depend on how a set is written down, ties or not (rounding: 1e-8 money)."""
-    fitted = LinearValue(by_group=True).fit(Drawn(random_sets, urgency, 3))
+    fitted = LinearValue(by_group=True).fit(drawn(groups=3))
     for ties in (False, True):
         sets = random_sets(3, 9, 8, 3, ties=ties)
         p = np.random.default_rng(0).permutation(8)
@@ -250,9 +237,9 @@ def test_the_order_of_the_columns_does_not_matter(random_sets):
 
 
 @FORMS
-def test_empty_sets_are_worth_nothing(random_sets, form):
+def test_empty_sets_are_worth_nothing(random_sets, drawn, form):
     """A value counts from that of the empty set."""
-    fitted, sets = clone(form).fit(Drawn(random_sets, urgency)), random_sets(1)
+    fitted, sets = clone(form).fit(drawn()), random_sets(1)
     nobody = replace(sets, member=np.zeros_like(sets.member))
     assert not fitted.value(nobody).any()
     assert not fitted.opportunity_cost(nobody).any()
@@ -260,14 +247,14 @@ def test_empty_sets_are_worth_nothing(random_sets, form):
 
 @FORMS
 @pytest.mark.parametrize("groups", [1, 3])
-def test_a_function_of_the_form_is_found(random_sets, form, groups):
+def test_a_function_of_the_form_is_found(random_sets, drawn, form, groups):
     """Where the targets are of the form itself, a small ridge finds them again, on sets never seen (1e-3 money)."""
-    template = clone(form).fit(Drawn(random_sets, urgency, groups, b=200))
+    template = clone(form).fit(drawn(groups=groups, b=200))
     theta = np.random.default_rng(5).normal(size=template.coef_.shape[1])
     template.coef_ = np.tile(theta, (4, 1))
 
     found = clone(form).set_params(ridge=1e-7)
-    found.fit(Drawn(random_sets, lambda sets, _: template.opportunity_cost(sets), groups, b=200))
+    found.fit(drawn(lambda sets, _: template.opportunity_cost(sets), groups=groups, b=200))
     sets = random_sets(77, 20, 6, groups, ties=False)
     truth = template.opportunity_cost(sets)
     np.testing.assert_allclose(found.opportunity_cost(sets), truth, atol=1e-3)
@@ -275,16 +262,16 @@ def test_a_function_of_the_form_is_found(random_sets, form, groups):
     assert found.residual_ < 1e-4
 
 
-def test_the_ridge_draws_to_the_next_step(random_sets):
+def test_the_ridge_draws_to_the_next_step(drawn):
     """Each step minimises squares plus ridge times the squared distance to the next step's coefficients (1e-7)."""
-    experience = Drawn(random_sets, urgency)
+    experience = drawn()
     fitted = LinearValue(ridge=3.0).fit(experience)
     assert not fitted.coef_[3].any()
     squares = count = 0.0
     for step in (2, 1, 0):
         sets = experience.sets(step)
         x = np.concatenate([t.differences(sets)[sets.member] for t in fitted.terms_], axis=-1)
-        y = (urgency(sets, None) - sets.penalty)[sets.member]
+        y = (drawn.urgency(sets, None) - sets.penalty)[sets.member]
         root = np.sqrt(3.0)
         more = root * np.eye(x.shape[1])
         expected = np.linalg.lstsq(
@@ -299,33 +286,33 @@ def test_the_ridge_draws_to_the_next_step(random_sets):
 
 
 @pytest.mark.parametrize("memory", [0.4, 1.0])
-def test_memory_weighs_the_data_of_later_steps(random_sets, memory):
+def test_memory_weighs_the_data_of_later_steps(drawn, memory):
     """The regression of a step also has the rows of the k-th step after it, with weight memory^k (1e-7)."""
-    experience = Drawn(random_sets, urgency)
+    experience = drawn()
     fitted = LinearValue(ridge=3.0, memory=memory).fit(experience)
     rows = []
     for step in (2, 1, 0):
         sets = experience.sets(step)
         x = np.concatenate([t.differences(sets)[sets.member] for t in fitted.terms_], axis=-1)
         rows = [(np.sqrt(memory) * a, np.sqrt(memory) * b) for a, b in rows]
-        rows.append((x, (urgency(sets, None) - sets.penalty)[sets.member]))
+        rows.append((x, (drawn.urgency(sets, None) - sets.penalty)[sets.member]))
         a = np.vstack([*(x for x, _ in rows), np.sqrt(3.0) * np.eye(x.shape[1])])
         b = np.concatenate([*(y for _, y in rows), np.sqrt(3.0) * fitted.coef_[step + 1]])
         np.testing.assert_allclose(fitted.coef_[step], np.linalg.lstsq(a, b, rcond=None)[0], atol=1e-7)
 
 
-def test_steps_that_nobody_saw_copy_the_next(random_sets):
+def test_steps_that_nobody_saw_copy_the_next(drawn):
     """Where no set was visited, the coefficients are those of the next step."""
-    fitted = LinearValue().fit(Drawn(random_sets, urgency, empty=(1,)))
+    fitted = LinearValue().fit(drawn(empty=(1,)))
     np.testing.assert_array_equal(fitted.coef_[1], fitted.coef_[2])
     assert fitted.coef_[1].any()
     assert (fitted.coef_[0] != fitted.coef_[1]).any()
 
 
 @FORMS
-def test_nobody_ever_waits(random_sets, form):
+def test_nobody_ever_waits(random_sets, drawn, form):
     """With nothing to learn from nothing fails, and what waits is worth its penalty: it will expire."""
-    experience = Drawn(random_sets, urgency)
+    experience = drawn()
     experience._sets = [None] * 3
     fitted = clone(form).fit(experience)
     assert not fitted.coef_.any()
@@ -344,37 +331,37 @@ def test_nobody_ever_waits(random_sets, form):
     ],
     ids=["linear", "kernel"],
 )
-def test_what_the_busy_stretch_tells_is_learned(random_sets, seeing, blind):
+def test_what_the_busy_stretch_tells_is_learned(random_sets, drawn, seeing, blind):
     """Targets that depend on the busy stretch are fitted better by a function that sees it; it says that it does."""
 
     def target(sets, value):
-        return sets.penalty + (urgency(sets, value) - sets.penalty) * (1.0 + sets.busy[:, None] / 5.0)
+        return sets.penalty + (drawn.urgency(sets, value) - sets.penalty) * (1.0 + sets.busy[:, None] / 5.0)
 
     assert not seeing.sees_busy
-    seeing, blind = (clone(form).fit(Drawn(random_sets, target, b=200)) for form in (seeing, blind))
+    seeing, blind = (clone(form).fit(drawn(target, b=200)) for form in (seeing, blind))
     assert (seeing.sees_busy, blind.sees_busy) == (True, False)
     assert seeing.residual_ < 0.6 * blind.residual_
     with pytest.raises(InputError, match="pass busy"):
         seeing.value(replace(random_sets(0), busy=None))
 
 
-def test_groups_rank_by_their_own_surplus(random_sets):
+def test_groups_rank_by_their_own_surplus(drawn):
     """Requests are ranked by mean surplus, or by each group's and by urgency."""
-    one = LinearValue().fit(Drawn(random_sets, urgency))
-    three = LinearValue(by_group=True).fit(Drawn(random_sets, urgency, 3))
+    one = LinearValue().fit(drawn())
+    three = LinearValue(by_group=True).fit(drawn(groups=3))
     assert [t.order for t in one.terms_] == ["surplus"]
     assert [t.order for t in three.terms_] == [0, 1, 2, "urgency"]
     assert [t.features.group for t in three.terms_] == [0, 1, 2, None]
-    surplus = Drawn(random_sets, urgency).requests.mean_surplus[:-1]  # the last is padding
+    surplus = drawn().requests.mean_surplus[:-1]  # the last is padding
     ends = np.quantile(surplus, [0.03, 0.97])
     np.testing.assert_allclose(one.terms_[0].features.surplus_knots, ends, rtol=1e-12)
     assert (one.coef_.shape, three.coef_.shape) == ((4, 18), (4, 72))
 
 
 @FORMS
-def test_it_is_an_estimator(random_sets, form):
+def test_it_is_an_estimator(random_sets, drawn, form):
     """Parameters are read and set, clones are unfitted and equal, predict is value, and fit returns the estimator."""
-    experience, sets = Drawn(random_sets, urgency), random_sets(0)
+    experience, sets = drawn(), random_sets(0)
     one = clone(form)
     assert one.get_params() == form.get_params()
     assert one.fit(experience) is one
@@ -389,37 +376,37 @@ def test_it_is_an_estimator(random_sets, form):
         again.set_params(nonsense=1)
 
 
-def test_parameters_count_at_the_next_fit(random_sets):
+def test_parameters_count_at_the_next_fit(drawn):
     """A second fit starts afresh: with new parameters, and for other groups."""
-    one = LinearValue().fit(Drawn(random_sets, urgency))
+    one = LinearValue().fit(drawn())
     one.set_params(surplus_knots=4, time_knots=(1.0, 5.0), rank_knots=(0.0, 2.0))
-    assert one.fit(Drawn(random_sets, urgency)).coef_.shape == (4, 16)
-    three = Drawn(random_sets, urgency, 3)
+    assert one.fit(drawn()).coef_.shape == (4, 16)
+    three = drawn(groups=3)
     np.testing.assert_array_equal(one.fit(three).coef_, clone(one).fit(three).coef_)
-    kernel = KernelValue(landmarks=5).fit(Drawn(random_sets, urgency))
+    kernel = KernelValue(landmarks=5).fit(drawn())
     assert kernel.set_params(landmarks=3).fit(three).coef_.shape == (4, 9)
 
 
-def test_the_seed_places_the_landmarks(random_sets):
+def test_the_seed_places_the_landmarks(drawn):
     """The same seed gives the same landmarks; there are no more than different requests."""
-    experience = Drawn(random_sets, urgency)
+    experience = drawn()
     one, two, other = (KernelValue(landmarks=4, seed=s).fit(experience) for s in (1, 1, 2))
     np.testing.assert_array_equal(one.coef_, two.coef_)
     assert (one.terms_[0].features.landmarks != other.terms_[0].features.landmarks).any()
-    few = Drawn(random_sets, urgency, b=1, ties=True)
+    few = drawn(b=1, ties=True)
     different = {(*s.surplus[0, i], s.steps_left[0, i]) for t in range(3) for s in [few.sets(t)] for i in
                  np.flatnonzero(s.member[0])}  # fmt: skip
     assert KernelValue(landmarks=50).fit(few).terms_[0].features.size == len(different)
 
 
 @FORMS
-def test_what_is_not_fitted_says_so(random_sets, form):
+def test_what_is_not_fitted_says_so(random_sets, drawn, form):
     """Without a fit, or beyond its steps, there is no value: an InputError that tells why."""
     one, sets = clone(form), random_sets(0)
     for ask in (one.value, one.opportunity_cost, one.predict, lambda _: one.to_dict()):
         with pytest.raises(InputError, match="is not fitted: call fit first"):
             ask(sets)
-    one.fit(Drawn(random_sets, urgency))
+    one.fit(drawn())
     for step in (4, -1):
         late = replace(sets, step=step)
         with pytest.raises(InputError, match=f"step {step} is beyond the 4 steps"):
@@ -431,14 +418,14 @@ def test_what_is_not_fitted_says_so(random_sets, form):
     [
         lambda sets, value: sets.mean_surplus * 1e6,
         lambda sets, value: sets.mean_surplus * np.nan,
-        lambda sets, value: urgency(sets, value) + (1e3 * np.abs(value.opportunity_cost(sets)) + 1e3) ** 2,
+        lambda sets, value: (1e3 * np.abs(value.opportunity_cost(sets)) + 1e3) ** 2,
     ],
     ids=["large", "NaN", "feeding on itself"],
 )
 @FORMS
-def test_an_explosion_is_a_training_error(random_sets, form, explode):
+def test_an_explosion_is_a_training_error(drawn, form, explode):
     """Targets that explode are told, with the step and a remedy; the estimator stays as it was, fitted or not."""
-    fine, bad = Drawn(random_sets, urgency), Drawn(random_sets, explode, groups=3)
+    fine, bad = drawn(), drawn(explode, groups=3)
     one = clone(form)
     with pytest.raises(TrainingError, match=r"diverged: opportunity costs of .* at step \d; raise ridge"):
         one.fit(bad)
@@ -451,13 +438,13 @@ def test_an_explosion_is_a_training_error(random_sets, form, explode):
     assert all(vars(one)[name] is before[name] for name in before)
 
 
-def test_an_explosion_of_the_fit_itself_is_told(random_sets):
+def test_an_explosion_of_the_fit_itself_is_told(drawn):
     """Equations without a solution are a TrainingError too, not one of NumPy's."""
     with pytest.raises(TrainingError, match="ridge = 1e-300 is too small"):
-        LinearValue(ridge=1e-300).fit(Drawn(random_sets, urgency, b=1))
+        LinearValue(ridge=1e-300).fit(drawn(b=1))
 
 
-def test_regressors_that_are_no_numbers_are_told(random_sets):
+def test_regressors_that_are_no_numbers_are_told(drawn):
     """A term that runs off where no later fit would notice, at the first step, is a TrainingError of that step."""
 
     class Broken(RankedTerm):
@@ -467,21 +454,21 @@ def test_regressors_that_are_no_numbers_are_told(random_sets):
 
     own = Broken(HatFeatures(None, [0.0, 50.0], [1.0, 10.0]), "surplus", [0.0, 4.0])
     with pytest.raises(TrainingError, match="at step 0"):
-        LinearValue(terms=[own]).fit(Drawn(random_sets, urgency))
+        LinearValue(terms=[own]).fit(drawn())
 
 
-def test_an_interrupted_fit_leaves_no_trace(random_sets):
+def test_an_interrupted_fit_leaves_no_trace(drawn):
     """Ctrl-C in the middle of a sweep leaves the last complete fit."""
 
     def interrupt(sets, value):
         if sets.step == 1:
             raise KeyboardInterrupt
-        return urgency(sets, value)
+        return drawn.urgency(sets, value)
 
-    one = LinearValue().fit(Drawn(random_sets, urgency))
+    one = LinearValue().fit(drawn())
     coefficients = one.coef_.copy()
     with pytest.raises(KeyboardInterrupt):
-        one.fit(Drawn(random_sets, interrupt))
+        one.fit(drawn(interrupt))
     np.testing.assert_array_equal(one.coef_, coefficients)
 
 
@@ -508,10 +495,10 @@ def test_an_interrupted_fit_leaves_no_trace(random_sets):
         (KernelValue(gamma=np.nan), "gamma = nan"),
     ],
 )
-def test_bad_settings(random_sets, form, words):
+def test_bad_settings(drawn, form, words):
     """Settings out of range are InputErrors that name them, and no half-fitted estimator is left."""
     with pytest.raises(InputError, match=words):
-        form.fit(Drawn(random_sets, urgency))
+        form.fit(drawn())
     assert not hasattr(form, "coef_")
     assert not hasattr(form, "terms_")
 
@@ -527,9 +514,9 @@ def test_bad_settings(random_sets, form, words):
     ],
     ids=["linear", "busy", "kernel", "busy kernel"],
 )
-def test_plain_data_and_back(random_sets, form, groups):
+def test_plain_data_and_back(random_sets, drawn, form, groups):
     """Through JSON and back, settings and all opportunity costs are the same to the last digit."""
-    one = clone(form).fit(Drawn(random_sets, urgency, groups))
+    one = clone(form).fit(drawn(groups=groups))
     again = value_of(json.loads(json.dumps(one.to_dict())))
     sets = random_sets(2, 9, 7, groups)
     np.testing.assert_array_equal(again.opportunity_cost(sets), one.opportunity_cost(sets))
@@ -538,13 +525,13 @@ def test_plain_data_and_back(random_sets, form, groups):
     assert again.ridge == one.ridge
 
 
-def test_what_nobody_could_read_is_not_written(random_sets):
+def test_what_nobody_could_read_is_not_written(random_sets, drawn):
     """Terms or classes of one's own are no plain data: an InputError, at once."""
 
     class Mine(LinearValue):
         pass
 
-    experience = Drawn(random_sets, urgency)
+    experience = drawn()
 
     class Constant:
         size = 1
