@@ -4,7 +4,7 @@ For every scenario, world seed and choice model (true, or learned by re-estimati
 the arrival-information bound on held-out instances, paired differences to the networks, and the processor seconds of
 each training. The paper's network is trained as printed (one seed), and on Algorithm 1's levels with better settings
 (best of three seeds by validation); ours is the same network on the light functions' differences (best of three). The
-light functions are trained once, the mean of three on 75,000 requests drawn anew, in at most 5,000 instances. Cells are
+light functions are trained once, their mean on 75,000 requests drawn anew, in at most 5,000 instances. Cells are
 kept as they end, so that a run that was stopped goes on. Prints a table and keeps it.
 """
 

@@ -110,9 +110,10 @@ def train(
         A scenario or a split train on their training instances and choose by their validation instances. Plain
         instances are all trained on, and the last round counts.
     value : {"linear", "kernel", "mean", "attention", "attention-levels", "attention-printed"} or Estimator
-        The value function's form. ``"mean"``, of three light forms, :class:`~optkit.models.mean_value.MeanValue`, wants
-        many instances. ``"attention"`` is the network trained on differences, ``"attention-levels"`` on the levels of
-        Algorithm 1, with settings chosen for them; both need ``optkit[attention]``.
+        The value function's form. ``"mean"`` is the mean of several light ones, and wants many instances, see
+        :class:`~optkit.models.mean_value.MeanValue`. ``"attention"`` is the network trained on differences,
+        ``"attention-levels"`` on the levels of Algorithm 1, with settings chosen for them; both need
+        ``optkit[attention]``.
     choice : {"learned", "pooled", "true"} or Preferences
         The choice model: learned along the way by group or for all groups together, the truth, or given.
     instances : int, optional

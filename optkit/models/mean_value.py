@@ -27,9 +27,10 @@ class Member(SetValue, Protocol):
 class MeanValue(BaseEstimator):  # type: ignore[misc]
     """The mean of value functions that are fitted to the same experience, each with targets of its own.
 
-    Opportunity costs are linear in the value function, so theirs are averaged too. The default averages three light
-    forms that err differently: hat functions that know the busy stretch, a kernel, and a kernel that knows the busy
-    stretch or, with several groups of workers, hat functions by group. It wants many instances, some 75,000 requests.
+    Opportunity costs are linear in the value function, so theirs are averaged too. The default averages light forms
+    that err differently: hat functions that know the busy stretch, a kernel, and a kernel that knows the busy stretch
+    or, with several groups of workers, hat functions by group, of two kinds. It wants many instances, some 75,000
+    requests.
 
     Parameters
     ----------
@@ -163,7 +164,12 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
 
 def _default(groups: int) -> list[Member]:
     rank, busy = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0), (0.0, 1.0, 3.0, 8.0)
-    hats, kernel = LinearValue(rank_knots=rank, busy_knots=busy), KernelValue(landmarks=20, rank_knots=rank)
-    if groups > 1:
-        return [hats, kernel, LinearValue(rank_knots=rank, by_group=True)]
-    return [hats, kernel, KernelValue(rank_knots=rank, busy_knots=busy)]
+    hats = LinearValue(rank_knots=rank, busy_knots=busy)
+    if groups == 1:
+        return [hats, KernelValue(landmarks=20, rank_knots=rank), KernelValue(rank_knots=rank, busy_knots=busy)]
+    return [
+        hats,
+        KernelValue(landmarks=60, gamma=0.2, rank_knots=rank),
+        LinearValue(rank_knots=rank, busy_knots=busy, by_group=True, ridge=10.0),
+        LinearValue(surplus_knots=3, time_knots=(1.0, 2.0, 5.0, 10.0, 20.0), by_group=True),
+    ]

@@ -33,12 +33,12 @@ def trained(days):
 def test_values_and_costs_are_the_members_means(trained, random_sets, seed):
     """The costs are also the differences of the values, found by leaving out each member (1e-9: sums below 1000)."""
     mean, sets = trained.value, random_sets(seed, b=5, groups=3)
-    first, second, third = mean.values_
+    first, second, third, fourth = mean.values_
     assert mean.sees_busy
-    value = (first.value(sets) + second.value(sets) + third.value(sets)) / 3
+    value = (first.value(sets) + second.value(sets) + third.value(sets) + fourth.value(sets)) / 4
     np.testing.assert_allclose(mean.value(sets), value, atol=1e-12)
     np.testing.assert_array_equal(mean.predict(sets), mean.value(sets))
-    cost = sum(one.opportunity_cost(sets) for one in mean.values_) / 3
+    cost = sum(one.opportunity_cost(sets) for one in mean.values_) / 4
     np.testing.assert_allclose(mean.opportunity_cost(sets), cost, atol=1e-12)
     np.testing.assert_allclose(mean.opportunity_cost(sets), removal_differences(mean.value, sets), atol=1e-9)
 
@@ -158,9 +158,9 @@ def test_other_members_replace_those_that_were_fitted(drawn, trained, tmp_path):
     mean.set_params(values=[KernelValue(landmarks=3)]).fit(experience)
     assert [type(one) for one in mean.values_] == [KernelValue]
     again = Trained.load(trained.save(tmp_path / "mean.json")).value
-    assert [type(one) for one in clone(again).values] == [LinearValue, KernelValue, LinearValue]
+    assert [type(one) for one in clone(again).values] == [LinearValue, KernelValue, LinearValue, LinearValue]
     assert MeanValue().fit(experience).values_[2].busy_knots is not None  # one group
-    assert again.values_[2].by_group  # three
+    assert [one.by_group for one in again.values_[2:]] == [True, True]  # three
     assert not hasattr(clone(again).values[0], "coef_")
 
 
