@@ -2,11 +2,13 @@
 
     python benchmarks/gap.py                                        I.1, I.2, I.3, II in worlds 0 to 2
     python benchmarks/gap.py --trips trips.parquet --scenarios nyc-weak nyc-strong --seeds 0
+    python benchmarks/gap.py --forms linear mean attention          also of the mean and of the network on differences
     python benchmarks/gap.py --quick                                8 instances each of world 0
 
-Points are per cent of full information, ratios of means over the instances; gaps are to the best policy of three, which
-know the workers' true preferences: myopic, linear (trained on the split's training instances), and that of the value
-function that the penalised bound charges with (75,000 requests of other instances, with trips of the same half-hours).
+Points are per cent of full information, ratios of means over the instances; gaps are to the best policy, and they know
+the workers' true preferences: myopic, linear (trained on the split's training instances, networks too, as the best of
+three seeds), and that of the value function that the penalised bound charges with (75,000 requests of other instances,
+with trips of the same half-hours; the mean trains on as many).
 Rows are kept as they come in --cells, so that a run that was stopped goes on. Prints a table and keeps it.
 """
 
@@ -29,7 +31,7 @@ from rich.table import Table
 
 from optkit import scenario
 from optkit.bounds.penalized import LIMIT
-from optkit.charging import held_out, scenario_charging
+from optkit.charging import MOST, TRAINING, held_out, scenario_charging
 from optkit.gap import gap_report
 from optkit.gap_rows import KINDS
 from optkit.plain import to_json
@@ -46,11 +48,11 @@ def measure(name: str, seed: int, options: argparse.Namespace, console: Console)
     started = time.perf_counter()
     charging = scenario_charging(source)
     charged = time.perf_counter()
-    policies = {
-        "myopic": PostDecisionPricing(),
-        "linear": train(source.split(), "linear", choice="true").policy,
-        "charging": charging.policy,
-    }
+    policies = {"myopic": PostDecisionPricing(), "charging": charging.policy}
+    many = min(MOST, round(TRAINING / (source.settings.request_rate * source.settings.horizon)))
+    for form in options.forms:
+        more = {"mean": {"instances": many}, "attention": {"seeds": 3}, "attention-levels": {"seeds": 3}}
+        policies[form] = train(source, form, choice="true", **more.get(form, {})).policy
     trained = time.perf_counter()
     cell = None if options.cells is None else options.cells / f"{name}-{seed}.jsonl"
     with Progress(console=console, transient=True) as bars:
@@ -98,6 +100,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="world seeds")
     parser.add_argument("--instances", type=int, help="test instances; all 120 by default, and more if you ask")
     parser.add_argument("--trips", type=Path, help="trip records, for nyc-weak and nyc-strong")
+    parser.add_argument("--forms", nargs="+", default=["linear"], help="value functions, as optkit train names them")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--limit", type=int, default=LIMIT, help="waiting requests that are told apart")
     parser.add_argument("--cells", type=Path, help="folder that keeps rows as they come")
