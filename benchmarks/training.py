@@ -119,7 +119,7 @@ def main() -> None:
                 rows.append(pool.apply(measure, (name, label)))
         here = {row["form"]: row for row in rows if row["scenario"] == name}
         for row in here.values():
-            row["takes_longer"] = {label: here[label]["training_s"] / row["training_s"] for label in NETWORKS}
+            row["networks_take"] = {label: here[label]["training_s"] / row["training_s"] for label in NETWORKS}
     table = Table(title="training and pricing")
     for heading in (
         "scenario",
@@ -134,7 +134,7 @@ def main() -> None:
         table.add_column(heading)
     for row in rows:
         peak = "" if row["peak_mb"] is None else f"{row['peak_mb']:.0f}"
-        longer = (f"{row['takes_longer'][label]:.1f} x" for label in NETWORKS)
+        longer = (f"{row['networks_take'][label]:.1f} x" for label in NETWORKS)
         spent = (f"{row['training_s']:.2f}", *longer, peak)
         priced = (f"{1e3 * row['pricing_1_ms']:.0f}", f"{row['pricing_1000_ms']:.1f}")
         table.add_row(row["scenario"], row["form"], str(row["instances"]), *spent, *priced)

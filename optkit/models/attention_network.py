@@ -151,8 +151,8 @@ class FrozenAttention:
     def _table(self, sets: RequestSets) -> tuple[Ints, Tensor]:
         """Place of each request in a table of terms, and that table.
 
-        The term of a request depends on the step but not on the set. The last table is kept: targets ask for values and
-        costs of the same requests in turn, with and without one of them.
+        The term of a request depends on the step but not on the set. The last table is kept: targets ask about the
+        same requests more than once, with and without one of them.
         """
         used = sets.index[sets.member]
         if self._last is not None:

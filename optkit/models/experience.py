@@ -113,7 +113,7 @@ class Experience:
     def target_differences(self, value: SetValue, step: int) -> Floats:
         """Target of each set less that of the set without each member, the same arrivals after both, (b, w), money.
 
-        What the future loses with a member is its opportunity cost; only the decision has to be made anew without it.
+        What the future loses with a member is its opportunity cost, so the value function is asked for nothing else.
         """
         open_, presence, waiting = self._next(value, step)
         costs = [value.opportunity_cost(sets) for _, sets in waiting]
@@ -132,15 +132,16 @@ class Experience:
         return found
 
     def _next(self, value: SetValue, step: int) -> tuple[RequestSets, Floats, list[tuple[Floats, RequestSets]]]:
-        """Who is open at the next step, how surely a worker comes, and who waits on, by busy stretch and its chance.
+        """Next step's open requests, the probability of a worker, and what waits on if one comes and if none does.
 
-        The first of the last is for the case that a worker comes.
+        What waits on comes with the probability of each; of one kind, if the busy stretch does not matter.
         """
         sets, then, presence = self._found(step)
         open_ = RequestSets(self.requests, step + 1, sets.index, then)
         member = then & (open_.steps_left > 0)
-        if not getattr(value, "sees_busy", False) or sets.busy is None:
+        if not getattr(value, "sees_busy", False):
             return open_, presence, [(np.ones(len(sets)), replace(open_, member=member))]
+        assert sets.busy is not None  # every visit tells it
         waits, idle = (replace(open_, member=member, busy=busy) for busy in (sets.busy + 1, 0 * sets.busy))
         return open_, presence, [(presence, waits), (1.0 - presence, idle)]
 

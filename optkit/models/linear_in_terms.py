@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -83,9 +83,6 @@ class LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
     terms_: Sequence[Term]
     coef_: Floats
     residual_: float
-
-    written_as: ClassVar[str]
-    """The kind of a class that :func:`~optkit.models.value.value_of` can read; not inherited."""
 
     @abstractmethod
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
@@ -178,7 +175,7 @@ class LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
         )
 
     def opportunity_cost_without(self, sets: RequestSets, row: Ints, column: Ints) -> Floats:
-        """Opportunity costs in sets ``row``, (r,), once the request at ``column``, (r,), is gone, (r, w), money."""
+        """Opportunity costs in sets ``row`` without the request at ``column``, both (r,): (r, w), money."""
         parts = [costs_without(term, sets, row, column, theta) for term, theta in self._parts(sets.step)]
         found = np.where(sets.member, sets.penalty, 0.0)[row] + sum(parts)
         found[np.arange(len(row)), column] = 0.0
@@ -192,13 +189,15 @@ class LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
         InputError
             If it is not fitted, or has terms or a class of the caller's own.
         """
+        from optkit.models.value import KINDS
+
         parts = [term for term, _ in self._parts(0)]
-        if "written_as" not in vars(type(self)) or not all(isinstance(term, RankedTerm) for term in parts):
+        if type(self) not in KINDS.values() or not all(isinstance(term, RankedTerm) for term in parts):
             raise InputError("terms or classes of your own cannot be written to a file: nobody could read it")
         terms = [{**t.to_dict(), "features": t.features.to_dict()} for t in parts]  # type: ignore[attr-defined]
         # Arrays and NumPy's numbers become plain ones.
         settings = {name: np.asarray(value).tolist() for name, value in self.get_params().items() if name != "terms"}
-        return {"kind": self.written_as, "settings": settings, "terms": terms, "coef": self.coef_.tolist()}
+        return {"kind": type(self).__name__, "settings": settings, "terms": terms, "coef": self.coef_.tolist()}
 
 
 def _checked(cost: Floats, limit: float, step: int) -> Floats:

@@ -90,10 +90,10 @@ class RankedTerm:
         moved = np.einsum("bwk,wk->bw", weight, h - _before(h))
         return _unordered(order, np.where(inside, own + _behind(moved), 0.0))
 
-    def opportunity_cost_without(self, sets: RequestSets, theta: Floats, row: Ints, column: Ints) -> Floats:
-        """Opportunity costs in sets ``row``, (r,), once the request at ``column``, (r,), is gone, (r, w), money.
+    def opportunity_cost_without(self, sets: RequestSets, row: Ints, column: Ints, theta: Floats) -> Floats:
+        """Opportunity costs in sets ``row`` without the request at ``column``, both (r,): (r, w), money.
 
-        Who comes after it has moved up by one; no set is evaluated anew. 0 for padding and for the request itself.
+        Who comes after it has moved up by one; no set is ranked anew. 0 for padding and for the request itself.
         """
         order, inside, weight = self._weighted(sets, theta)
         h = self._hats(weight.shape[1])
@@ -106,10 +106,9 @@ class RankedTerm:
         cost, cost_up = _unordered(order, own + behind), _unordered(order, own_up + behind_up)
         # Behind those before it there are no longer it and, at their old ranks, those that come after it.
         less = _unordered(order, moved + behind - behind_up)
-        gone = sets.member[row, column]
-        first = place[row] < np.where(gone, place[row, column], place.shape[1])[:, None]
-        found = np.where(first, cost[row] - np.where(gone, less[row, column], 0.0)[:, None], cost_up[row])
-        found[~sets.member[row]] = 0.0
+        # Padding comes last and weighs nothing, so to lack it changes nothing.
+        first = place[row] < place[row, column][:, None]
+        found = np.where(first, cost[row] - less[row, column][:, None], cost_up[row])
         found[np.arange(len(row)), column] = 0.0
         return np.asarray(found)
 

@@ -134,6 +134,7 @@ class RequestSets:
 class SetValue(Protocol):
     """A post-decision value function (paper section 3.3).
 
+    Prices, and training on differences, ask for opportunity costs alone; bounds and training on levels, for values too.
     One that has an attribute ``sees_busy`` which is true is also told for how long workers have come without a break.
     """
 
@@ -204,24 +205,27 @@ def removal_differences(value: Callable[[RequestSets], Floats], sets: RequestSet
     return cost
 
 
-def costs_without(value: Any, sets: RequestSets, row: Ints, column: Ints, *theta: Floats) -> Floats:
-    """Opportunity costs of what is left of sets once one request of each is gone, (r, w), money.
+def costs_without(
+    value: Any, sets: RequestSets, row: Ints, column: Ints, theta: Floats | None = None
+) -> npt.NDArray[np.float64]:
+    """Opportunity costs in sets that lack one request, (r, w), money.
 
     Parameters
     ----------
     value : SetValue or Term
-        Asked for ``opportunity_cost_without``, if it has a quicker way than to evaluate the smaller sets.
+        Its ``opportunity_cost_without(sets, row, column)`` is asked, unless it has none, or one that a class inherits
+        from before its ``opportunity_cost``; then the smaller sets are evaluated.
     sets : RequestSets
         Up to w requests each.
     row, column : (r,) int
-        Which sets, and which of its requests each lacks; padding may be lacking, which changes nothing.
-    *theta : (size,) float
-        Coefficients, for a term.
+        The sets, and the request that each lacks. To lack padding changes nothing.
+    theta : (size,) float, optional
+        Coefficients of a term, its last argument.
 
     Returns
     -------
     (r, w) float
-        Money; 0 for padding and for the request that is gone.
+        Money; 0 for padding and for the request that is lacking.
 
     Examples
     --------
@@ -234,8 +238,10 @@ def costs_without(value: Any, sets: RequestSets, row: Ints, column: Ints, *theta
     >>> costs_without(Square(), sets, row=np.array([0]), column=np.array([1]))
     array([[3., 0., 3.]])
     """
-    quick = getattr(value, "opportunity_cost_without", None)
-    found = (
-        value.opportunity_cost(sets.without(row, column), *theta) if quick is None else quick(sets, *theta, row, column)
-    )
-    return np.asarray(found)
+    extra = () if theta is None else (theta,)
+    for kind in type(value).__mro__:
+        if "opportunity_cost_without" in vars(kind):
+            return np.asarray(value.opportunity_cost_without(sets, row, column, *extra))
+        if "opportunity_cost" in vars(kind):
+            break
+    return np.asarray(value.opportunity_cost(sets.without(row, column), *extra))

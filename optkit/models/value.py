@@ -32,7 +32,7 @@ class LinearValue(LinearInTerms):
         fifth of the gap.
     by_group : bool
         One term for each worker group, ranked by the surplus to it, and one ranked by urgency, in place of one ranked
-        by mean surplus. In scenario II prices gain nothing by it, at three times the work.
+        by mean surplus. Alone it gains nothing in scenario II, at twice the work.
     ridge : float
         Penalty that draws the coefficients of a step to those of the next, at least 0.
     memory : float
@@ -56,8 +56,6 @@ class LinearValue(LinearInTerms):
     >>> LinearValue(ridge=10.0).get_params()["ridge"]
     10.0
     """
-
-    written_as = "LinearValue"
 
     def __init__(
         self,
@@ -132,8 +130,6 @@ class KernelValue(LinearInTerms):
     12
     """
 
-    written_as = "KernelValue"
-
     def __init__(
         self,
         landmarks: int = 12,
@@ -172,6 +168,10 @@ class KernelValue(LinearInTerms):
         return [RankedTerm(KernelFeatures(center, scale, means, float(self.gamma)), "surplus", rank, busy)]
 
 
+KINDS: dict[str, type[LinearValue] | type[KernelValue]] = {"LinearValue": LinearValue, "KernelValue": KernelValue}
+"""What can be written as plain data and read again."""
+
+
 def value_of(plain: dict[str, Any]) -> LinearValue | KernelValue:
     """Make a fitted value function again from its plain data.
 
@@ -198,9 +198,8 @@ def value_of(plain: dict[str, Any]) -> LinearValue | KernelValue:
     >>> bool((value_of(fitted.to_dict()).coef_ == fitted.coef_).all())
     True
     """
-    kinds: dict[str, type[LinearValue] | type[KernelValue]] = {"LinearValue": LinearValue, "KernelValue": KernelValue}
     try:
-        made = kinds[plain["kind"]](**plain["settings"])
+        made = KINDS[plain["kind"]](**plain["settings"])
         made.terms_ = [
             RankedTerm(features_of(t["features"]), t["order"], t["rank_knots"], t["busy_knots"]) for t in plain["terms"]
         ]

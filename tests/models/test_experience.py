@@ -7,6 +7,7 @@ from optkit.errors import InputError
 from optkit.models.experience import Experience, Workers
 from optkit.models.pricing import optimal_prices
 from optkit.models.request_sets import Requests, RequestSets, removal_differences
+from optkit.models.value import LinearValue
 
 
 class Pooled:
@@ -138,6 +139,69 @@ def test_targets_equal_a_slow_loop(seed, value, groups, discount):
                 assert difference[row, column] == pytest.approx(whole - without, abs=1e-9)
                 seen += 1
     assert seen > 20
+
+
+class Slow:
+    """Another value function without its quick ways."""
+
+    sees_busy = True
+
+    def __init__(self, other):
+        self.value, self.opportunity_cost = other.value, other.opportunity_cost
+
+
+class Halved(LinearValue):
+    """A value function that inherits a quick way which is not its own."""
+
+    def value(self, sets):
+        """Half of what was fitted."""
+        return super().value(sets) / 2.0
+
+    def opportunity_cost(self, sets):
+        """Half of what was fitted."""
+        return super().opportunity_cost(sets) / 2.0
+
+
+class Watched(LinearValue):
+    """A value function that counts how often its quick way is taken."""
+
+    taken = 0
+
+    def opportunity_cost_without(self, sets, row, column):
+        """Count, and go it."""
+        self.taken += 1
+        return super().opportunity_cost_without(sets, row, column)
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.6])
+@pytest.mark.parametrize("groups", [1, 3])
+@pytest.mark.parametrize("kind", [LinearValue, Halved, Watched])
+def test_targets_by_the_quick_way(kind, groups, discount):
+    """They are those of a value function that knows no quick way; one of a parent's is not taken (rounding: 1e-9)."""
+    experience = random_experience(3, groups, instances=40, discount=discount)
+    fitted = kind(busy_knots=(0.0, 2.0, 5.0), by_group=True).fit(experience)
+    for step in range(experience.horizon - 1):
+        expected = experience.target_differences(Slow(fitted), step)
+        np.testing.assert_allclose(experience.target_differences(fitted, step), expected, atol=1e-9)
+        assert np.abs(expected).max() > 1.0
+    assert getattr(fitted, "taken", 1) > 0
+
+
+class Plain:
+    """A term without its quick way."""
+
+    def __init__(self, other):
+        self.size, self.value, self.opportunity_cost = other.size, other.value, other.opportunity_cost
+        self.differences = other.differences
+
+
+def test_a_term_without_a_quick_way():
+    """A value function with such a term, beside one that has it, is fitted as with two that have it (1e-9 money)."""
+    experience = random_experience(4, instances=40)
+    terms = LinearValue(by_group=True).fit(experience).terms_
+    mixed = LinearValue(terms=[Plain(terms[0]), terms[1]]).fit(experience)
+    np.testing.assert_allclose(mixed.coef_, LinearValue(terms=terms).fit(experience).coef_, atol=1e-9)
+    assert mixed.coef_.any()
 
 
 def test_no_future_leaves_one_step():

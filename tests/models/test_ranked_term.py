@@ -48,7 +48,7 @@ def test_opportunity_costs_without_each_request(random_sets, kind, seed, b, w, g
     one, sets = term(kind, groups), random_sets(seed, b, w, groups, ties=ties)
     theta = np.random.default_rng(seed).normal(size=one.size)
     row, column = (x.ravel() for x in np.indices(sets.member.shape))
-    cost = one.opportunity_cost_without(sets, theta, row, column)
+    cost = one.opportunity_cost_without(sets, row, column, theta)
     np.testing.assert_allclose(cost, one.opportunity_cost(sets.without(row, column), theta), atol=1e-10)
 
 
