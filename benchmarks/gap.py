@@ -94,6 +94,21 @@ def show(rows: list[dict[str, Any]], jobs: int) -> Table:
     return table
 
 
+def show_policies(rows: list[dict[str, Any]]) -> Table:
+    """Make the table of every policy's gap to the bound that the best one is measured by."""
+    table = Table(title="gap of each policy, points, ± half-width of the 95 % interval")
+    names = [one["policy"] for one in rows[0]["policies"]]
+    for heading in ("scenario", "world", *names):
+        table.add_column(heading, justify="left" if heading == "scenario" else "right")
+    for row in rows:
+        gaps = {one["policy"]: one for one in row["gaps"] if one["bound"] == row["best gap"]["bound"]}
+        shown = (
+            f"{g['points']:.2f} ± {(g['points_high'] - g['points_low']) / 2:.2f}" for g in map(gaps.get, names) if g
+        )
+        table.add_row(row["scenario"], str(row["world"]), *shown)
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="How far the best policy is from optimal.")
     parser.add_argument("--scenarios", nargs="+", default=["I.1", "I.2", "I.3", "II"])
@@ -116,6 +131,7 @@ def main() -> None:
             rows.append(measure(name, seed, options, console))
             console.print(show(rows[-1:], options.jobs))
     console.print(show(rows, options.jobs))
+    console.print(show_policies(rows))
     options.output.parent.mkdir(parents=True, exist_ok=True)
     versions = machine("optkit", "numpy", "scipy", "scikit-learn")
     told = {"machine": versions, "jobs": options.jobs, "limit": options.limit, "results": rows}
