@@ -56,13 +56,15 @@ class Checkpoint:
         self.folder = None if folder is None else Path(folder)
         if self.folder is None:
             return
-        for one in (estimator, *((estimator.values or ()) if isinstance(estimator, MeanValue) else ())):
+        groups = max((one.n_groups for one in instances), default=1)
+        members = estimator.members(groups) if isinstance(estimator, MeanValue) else []
+        for one in (estimator, *members):
             if not callable(getattr(one, "to_dict", None)):
                 raise InputError(f"a {type(one).__name__} has no to_dict: it cannot be kept in a checkpoint")
         believed = choice if isinstance(choice, str) else choice.to_dict()
         form = estimator.get_params() if hasattr(estimator, "get_params") else repr(estimator)
         plain = {name: value for name, value in settings.items() if name != "seeds"}
-        told = to_json([__version__, plain, type(estimator).__name__, repr(form), believed])
+        told = to_json([__version__, plain, type(estimator).__name__, repr(form), repr(members), believed])
         self.key = hashlib.sha256(told.encode() + _digest(instances) + _digest(validation)).hexdigest()[:16]
         try:
             self.folder.mkdir(parents=True, exist_ok=True)

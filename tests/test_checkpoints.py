@@ -11,6 +11,7 @@ from optkit.checkpoints import Checkpoint
 from optkit.errors import InputError, OptkitError
 from optkit.instance import Instance
 from optkit.learning import learn_once
+from optkit.models.mean_value import MeanValue
 from optkit.models.value import KernelValue, LinearValue
 from optkit.trained import Trained
 from optkit.training import train
@@ -81,6 +82,14 @@ def test_more_seeds_go_on(tmp_path, days):
 def test_another_training_is_another(tmp_path, days, changes):
     """Whatever is set otherwise, the outcome of the first training is not taken for the second's."""
     assert checkpoint(tmp_path, days, **changes).key != checkpoint(tmp_path, days).key
+
+
+def test_the_members_of_a_mean_count(tmp_path, days, monkeypatch):
+    """A default that has changed since, as an update of the kit may do, is another training."""
+    before = checkpoint(tmp_path, days, estimator=MeanValue()).key
+    assert checkpoint(tmp_path, days, estimator=MeanValue()).key == before
+    monkeypatch.setattr("optkit.models.mean_value._default", lambda groups: [LinearValue(), KernelValue()])
+    assert checkpoint(tmp_path, days, estimator=MeanValue()).key != before
 
 
 def test_given_preferences_count(tmp_path, days):

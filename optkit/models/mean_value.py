@@ -83,14 +83,21 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
         """
         # A member that learns from round to round goes on from its last one, unless there are others now.
         goes_on = hasattr(self, "values_") and self._fitted_from is self.values
-        fitted = copy.deepcopy(self.values_ if goes_on else self._members(experience.requests.surplus.shape[1]))
+        fitted = copy.deepcopy(self.values_ if goes_on else self.members(experience.requests.surplus.shape[1]))
         for one in fitted:
             one.fit(experience)
         self.values_, self._fitted_from = fitted, self.values
         self.residual_ = float(np.sqrt(np.mean([getattr(one, "residual_", np.nan) ** 2 for one in fitted])))
         return self
 
-    def _members(self, groups: int) -> list[Member]:
+    def members(self, groups: int) -> list[Member]:
+        """Return what is fitted, before it is, for so many groups of workers.
+
+        Raises
+        ------
+        InputError
+            If there are no members, or one is no value function.
+        """
         if self.values is None:
             return _default(groups)
         if not isinstance(self.values, Sequence) or not self.values:
