@@ -101,6 +101,9 @@ def _digest(instances: Sequence[Instance]) -> bytes:
     for one in instances:
         for field in fields(one):
             value = getattr(one, field.name)
+            if value is None:  # as an array it would be an address, which every process has its own of
+                digest.update(f"{field.name} none".encode())
+                continue
             compressed = isinstance(value, sparse.csr_array)
             for part in (value.data, value.indices, value.indptr) if compressed else (value,):
                 array = np.asarray(part)

@@ -1,6 +1,8 @@
 """Outcomes kept seed by seed: found again by the same training, and by no other."""
 
 import os
+import subprocess
+import sys
 from dataclasses import fields, replace
 
 import numpy as np
@@ -129,6 +131,18 @@ def test_other_instances_are_another_training(tmp_path, days, name, part):
     assert not np.array_equal(CHANGES[name](late), getattr(late, name))
     changed = {**own, part: [own[part][0], replace(late, **{name: CHANGES[name](late)})]}
     assert checkpoint(tmp_path, days, **changed).key != checkpoint(tmp_path, days, **own).key
+
+
+def test_another_process_knows_the_instances_again():
+    """The digest says what instances are, not where: noise that is not realised, as in arrivals, had an address."""
+    code = (
+        "from dataclasses import replace; from optkit import scenario; from optkit.checkpoints import _digest;"
+        "day = scenario('I.2', seed=0, horizon=10).sample(1, seed=1)[0];"
+        "print(_digest([day, replace(day, noise=None, outside_noise=None)]).hex())"
+    )
+    told = {subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout for _ in range(2)}
+    assert len(told) == 1
+    assert told != {b""}
 
 
 def test_who_is_for_training_counts(tmp_path, days):
