@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,22 @@ class ProgramSolution:
     request_dual: Floats | None
     status: str
     details: dict[str, Any]
+
+
+@cache
+def _quiet_highs() -> type[Any]:
+    """Give HiGHS without a word on standard output, which may be a document for a machine.
+
+    From 1.16 on its constructor prints a banner as it enables callbacks, before a user can set an option.
+    """
+    import highspy
+
+    class QuietHighs(highspy.Highs):
+        def enableCallbacks(self) -> None:  # noqa: N802 (HiGHS's name)
+            self.setOptionValue("output_flag", False)
+            super().enableCallbacks()  # type: ignore[no-untyped-call]
+
+    return QuietHighs
 
 
 def solve_matching_program(
@@ -55,8 +72,8 @@ def solve_matching_program(
     e, rows = edges.size, edges.n_workers + edges.n_requests
     # HiGHS tolerates 1e-7 in the units it is given; a power of two puts the values near 1000 and rounds nothing.
     unit = float(2.0 ** (np.frexp(edges.value.max())[1] - 10))
-    solver = highspy.Highs()  # type: ignore[no-untyped-call]
-    options: dict[str, Any] = {"output_flag": False, "presolve": "on" if presolve else "off"}
+    solver = _quiet_highs()()
+    options: dict[str, Any] = {"presolve": "on" if presolve else "off"}
     if integer:
         options |= {"mip_rel_gap": 0.0, "mip_abs_gap": 0.0}
     else:
