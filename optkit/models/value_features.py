@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from optkit.errors import InputError
 from optkit.instance import Floats
@@ -94,8 +95,10 @@ class KernelFeatures:
             raise InputError(f"gamma = {self.gamma} and every scale must be positive")
         if not all(np.isfinite(x).all() for x in (self.center, self.scale, self.landmarks)):
             raise InputError("center, scale and landmarks must be finite numbers")
-        values, vectors = np.linalg.eigh(self._kernel(self.landmarks))
-        root = (vectors / np.sqrt(np.maximum(values, 1e-10))) @ vectors.T
+        # Other threads, other digits: one, as in training, so that a file prices as the trained policy did.
+        with threadpool_limits(limits=1):
+            values, vectors = np.linalg.eigh(self._kernel(self.landmarks))
+            root = (vectors / np.sqrt(np.maximum(values, 1e-10))) @ vectors.T
         object.__setattr__(self, "_root", root)
 
     @property

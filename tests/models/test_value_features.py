@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from optkit.errors import InputError
 from optkit.models.ranked_term import hats
@@ -75,6 +76,17 @@ def test_kernel_features_reproduce_the_kernel():
     np.testing.assert_allclose(found, expected, atol=1e-10)
     np.testing.assert_allclose((z @ z.T).diagonal(), 1.0, atol=1e-10)
     assert KERNEL.size == 3
+
+
+def test_kernel_features_are_the_same_whatever_the_number_of_threads():
+    """A file is read where threads are free, after a training that had one (at 300 landmarks: 5e-5 apart, untamed)."""
+    landmarks = np.random.default_rng(0).normal(size=(300, 4))
+
+    def root(threads):
+        with threadpool_limits(limits=threads):
+            return KernelFeatures(np.zeros(4), np.ones(4), landmarks, 0.2)._root
+
+    np.testing.assert_array_equal(root(1), root(2))
 
 
 def test_kernel_features_are_finite_for_padding(random_sets):
