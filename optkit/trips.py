@@ -213,7 +213,7 @@ def _plausible(path: Path) -> tuple[np.datetime64, np.datetime64]:
     if named is None:
         return np.datetime64("2009", "Y"), np.datetime64("2100", "Y")
     first = np.datetime64("-".join(filter(None, named.groups())))
-    return first, first + 1
+    return first, first + (np.timedelta64(1, "Y") if named[2] is None else np.timedelta64(1, "M"))
 
 
 def _list(names: list[Path]) -> str:

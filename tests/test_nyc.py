@@ -175,7 +175,7 @@ def test_the_split_shrinks_in_proportion_to_the_episodes(
     year: Trips, weeks: int, asked: tuple[int, int, int], sizes: list[int]
 ) -> None:
     # Weeks of 2018 begin with the year.
-    early = year.frame[year.frame["pickup_time"] < np.datetime64("2018-01-01") + 7 * weeks]
+    early = year.frame[year.frame["pickup_time"] < np.datetime64("2018-01-01") + np.timedelta64(weeks, "W")]
     parts = trip_scenario("nyc-weak", 0, replace(year, frame=early), split=asked).split()
     assert [len(part) for part in parts] == sizes
     assert len({which(instance) for part in parts for instance in part}) == 2 * weeks

@@ -100,10 +100,10 @@ def _by_linear_program(margins: Floats, rng: np.random.Generator) -> Floats | No
         if solved.x is None:
             raise SolverError(f"the linear program that looks for separation failed: {solved.message}")
         direction: Floats = solved.x[:k]
-        reach = float(np.abs(direction).max())
-        if reach <= TOLERANCE:
+        length = float(np.abs(direction).max())
+        if length <= TOLERANCE:
             return None
-        direction = np.where(np.abs(direction) <= TOLERANCE * reach, 0.0, direction / reach)
+        direction = np.where(np.abs(direction) <= TOLERANCE * length, 0.0, direction / length)
         margin = margins @ direction
         tie = TOLERANCE * float(np.abs(margin).max())
         if float((part @ direction).max()) <= tie:
