@@ -148,7 +148,7 @@ class SmallModel:
             p = _numbers("probabilities in joint_arrivals", [p for _, p in pairs], (None,))
             p = _distribution("probabilities in joint_arrivals", p)
             different, same = np.unique(count[p > 0].astype(np.int64), axis=0, return_inverse=True)
-            return (Stream(different, np.asarray(np.bincount(same, p[p > 0]), float)),)
+            return (Stream(different, np.asarray(np.bincount(same.ravel(), p[p > 0]), float)),)  # NumPy 2.0: (n, 1)
         table = _numbers("arrivals", self.arrivals, None)
         if table.ndim not in (1, 2) or len(table) != K:
             raise InputError(f"arrivals has shape {table.shape}; it needs ({K},) or ({K}, any), a row for each type")

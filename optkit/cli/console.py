@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 from optkit.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from optkit.scenarios import Scenario
+
+
+def _shown(bars: Progress) -> AbstractContextManager[Progress]:
+    # Before Rich 14.3 a disabled one that ends writes an empty line where there is no terminal.
+    return nullcontext(bars) if bars.disable else bars
 
 
 @contextmanager
@@ -27,7 +34,7 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
         MofNCompleteColumn(),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as bars:
+    with _shown(Progress(*columns, console=console, disable=quiet or not console.is_terminal)) as bars:
         tasks: dict[str, Any] = {}
 
         def tell(stage: str, done: int, total: int) -> None:
@@ -57,7 +64,7 @@ def study_bar(name: str, quiet: bool) -> Iterator[Callable[[int, int, float], No
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as bars:
+    with _shown(Progress(*columns, console=console, disable=quiet or not console.is_terminal)) as bars:
         task = bars.add_task(name, total=None, left="")
         said = time.monotonic()
 
