@@ -73,7 +73,7 @@ def solve_matching_program(
     # HiGHS tolerates 1e-7 in the units it is given; a power of two puts the values near 1000 and rounds nothing.
     unit = float(2.0 ** (np.frexp(edges.value.max())[1] - 10))
     solver = _quiet_highs()()
-    options: dict[str, Any] = {"presolve": "on" if presolve else "off"}
+    options: dict[str, Any] = {"output_flag": False, "presolve": "on" if presolve else "off"}
     if integer:
         options |= {"mip_rel_gap": 0.0, "mip_abs_gap": 0.0}
     else:
