@@ -146,6 +146,14 @@ class TripScenario(Scenario):
         return super().describe() | more
 
 
+def check_selection(mode: str, fraction: float | None) -> None:
+    """Raise InputError unless trips can be selected so, see :func:`trip_scenario`."""
+    if mode not in MODES:
+        raise InputError(f"no mode {mode!r}; there are {', '.join(MODES)}")
+    if fraction is not None and not 0 < fraction <= 1:
+        raise InputError(f"fraction = {fraction} must be above 0 and at most 1: it is the share of trips kept")
+
+
 def trip_scenario(
     name: str, seed: int, trips: Trips | Paths, *, mode: Mode = "folded", fraction: float | None = None, **settings: Any
 ) -> TripScenario:
@@ -206,10 +214,7 @@ def trip_scenario(
         raise InputError(f"no scenario {name!r} with trips; there are nyc-weak and nyc-strong")
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"the world's seed {seed!r} is not a whole number >= 0")
-    if mode not in MODES:
-        raise InputError(f"no mode {mode!r}; there are {', '.join(MODES)}")
-    if fraction is not None and not 0 < fraction <= 1:
-        raise InputError(f"fraction = {fraction} must be above 0 and at most 1: it is the share of trips kept")
+    check_selection(mode, fraction)
     chosen = adjust(TABLE_1[key], settings)
     if (chosen.pickups, chosen.dropoffs) != (len(REGIONS), len(REGIONS)):
         raise InputError(f"settings pickups and dropoffs must stay {len(REGIONS)}: trips know {len(REGIONS)} regions")

@@ -4,6 +4,7 @@ import json
 import signal
 import sys
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -105,6 +106,9 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, tmp_path, monke
         (["nyc"], "needs trip records"),
         (["homogeneous", "--trips", "x.parquet"], "--trips goes with"),
         (["nyc", "--trips", "none.parquet"], "there is no file none.parquet"),
+        (["homogeneous", "--mode", "mondays"], "--mode goes with --trips"),
+        (["all", "--fraction", "0.3"], "--fraction goes with --trips"),
+        (["nyc", "--trips", "x.parquet", "--mode", "sundays"], "no mode 'sundays'"),
         (["homogeneous", "--worlds", "0"], "--worlds 0"),
         (["homogeneous", "--worlds", "1,1"], "--worlds 1,1"),
         (["homogeneous", "--worlds", "many"], "--worlds many"),
@@ -119,6 +123,20 @@ def test_bad_input_is_one_line(study, arguments, message, tmp_path):
     assert status == 2
     assert message in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_the_paper_s_own_selection_of_trips(study, tmp_path):
+    """Options reach the cells and the report's settings."""
+    times = np.datetime64("2018-01-01T07:00") + np.arange(60_000) * np.timedelta64(1, "m")
+    ends = times + np.timedelta64(12, "m")
+    zones = {"PULocationID": np.resize([261, 236, 43], times.size), "DOLocationID": 236}
+    trips = tmp_path / "a_tripdata.csv"
+    pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(trips, index=False)
+    common = ["nyc", "--trips", trips, "--mode", "mondays", "--fraction", 0.9, "--set", "split=6,4,2"]
+    status, _, _ = study(*common, "--no-gap", "--seeds", 1, "--out", tmp_path / "out", "--jobs", 1)
+    told = json.loads((tmp_path / "out" / "nyc" / "report.json").read_text())
+    assert status == 0
+    assert told["settings"]["changed settings"] == {"split": [6, 4, 2], "mode": "mondays", "fraction": 0.9}
 
 
 def test_a_folder_of_others_is_not_replaced(study, tmp_path):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from optkit.cli.options import Json, Quiet, Setting, Trips
+from optkit.cli.options import Fraction, Json, Mode, Quiet, Setting, Trips
 from optkit.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ def study(
     worlds: Annotated[str, typer.Option(help="World seeds: a number of worlds, or seeds by commas, like 0,1,2.")] = "1",
     seeds: Annotated[int, typer.Option(min=1, help="Training seeds; validation chooses between them.")] = 5,
     trips: Trips = None,
+    mode: Mode = None,
+    fraction: Fraction = None,
     settings: Setting = None,
     gap: Annotated[
         bool, typer.Option("--gap/--no-gap", help="Certify the gap to optimality; it takes longest.")
@@ -58,8 +60,11 @@ def study(
         raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
     if trips and name not in ("nyc", "all"):
         raise InputError(f"--trips goes with the studies nyc and all, not with {name}")
+    selection = {key: value for key, value in (("mode", mode), ("fraction", fraction)) if value is not None}
+    if selection and not trips:
+        raise InputError(f"--{next(iter(selection))} goes with --trips and the study nyc")
     chosen = [one for one in STUDIES if name == one or (name == "all" and (one != "nyc" or trips))]
-    studies = [_study(one, worlds, seeds, trips, settings, gap) for one in chosen]
+    studies = [_study(one, worlds, seeds, trips, selection, settings, gap) for one in chosen]
     jobs = check_jobs(jobs)
     if dry_run:
         plans = [_plan(one, out, jobs) for one in studies]
@@ -87,13 +92,20 @@ class _Finished(NamedTuple):
 
 
 def _study(
-    name: str, worlds: str, seeds: int, trips: list[Path] | None, settings: list[str] | None, gap: bool
+    name: str,
+    worlds: str,
+    seeds: int,
+    trips: list[Path] | None,
+    selection: dict[str, Any],
+    settings: list[str] | None,
+    gap: bool,
 ) -> Study:
     from optkit.cli.console import parsed_settings
     from optkit.studies.grids import Study
 
     files = tuple(str(path) for path in trips or ()) if name == "nyc" else ()
-    return Study(name, _worlds(worlds), seeds, parsed_settings(settings or ()), files, gap)
+    more = selection if name == "nyc" else {}
+    return Study(name, _worlds(worlds), seeds, parsed_settings(settings or ()), files, gap, **more)
 
 
 def _worlds(text: str) -> tuple[int, ...]:

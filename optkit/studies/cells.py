@@ -15,7 +15,8 @@ Kind = Literal["bounds", "utilities", "policy", "estimate", "perturbed", "gap"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 Place = dict[str, Any]
-"""Where a cell plays: ``scenario``, ``world`` (seed), ``set`` (changed settings), ``trips`` (digest of the files)."""
+"""Where a cell plays: ``scenario``, ``world`` (seed), ``set`` (changed settings), ``trips`` (digest of the files),
+``mode`` and ``fraction`` (how trips become instances, where it is not the usual way)."""
 
 
 @dataclass(frozen=True, eq=False)

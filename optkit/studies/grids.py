@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from optkit.errors import DataError, InputError
+from optkit.nyc import check_selection
 from optkit.scenarios import adjust
 from optkit.studies.cells import Cell, Place
 from optkit.studies.policies import POLICIES
@@ -60,6 +61,8 @@ class Study:
         Files of trip records, for ``nyc``.
     gap : bool
         Whether to certify the gap to optimality, the dearest cell of a scenario.
+    mode, fraction : str, float, optional
+        How trips become instances, for ``nyc``, see :func:`optkit.nyc.trip_scenario`. ``mondays`` is the paper's way.
     """
 
     name: str
@@ -68,6 +71,8 @@ class Study:
     settings: Mapping[str, Any] = field(default_factory=dict)
     trips: tuple[str, ...] = ()
     gap: bool = True
+    mode: str = "folded"
+    fraction: float | None = None
 
     def __post_init__(self) -> None:
         if self.name not in STUDIES:
@@ -78,6 +83,9 @@ class Study:
             raise InputError(f"seeds = {self.seeds!r} must be a whole number of at least 1")
         if self.name == "nyc" and not self.trips:
             raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
+        if self.name != "nyc" and (self.mode, self.fraction) != ("folded", None):
+            raise InputError(f"mode and fraction say how trips become instances: the study {self.name} has none")
+        check_selection(self.mode, self.fraction)
         # Checked before there are cells that all fail of it; and 12.0 is the same setting as 12.
         adjusted = {name: adjust(TABLE_1[name], dict(self.settings)) for name in self.scenarios}
         told = {name: getattr(adjusted[self.scenarios[0]], name) for name in self.settings}
@@ -104,12 +112,18 @@ class Study:
         """
         return [cell for place in self._places() for cell in self._of(place)]
 
+    @property
+    def selection(self) -> dict[str, Any]:
+        """Mode and fraction where they are not the usual ones."""
+        mode = {} if self.mode == "folded" else {"mode": self.mode}
+        return mode if self.fraction is None else {**mode, "fraction": float(self.fraction)}
+
     def _places(self) -> Iterator[Place]:
         digest = {"trips": digest_of(self.trips)} if self.trips and self.name == "nyc" else {}
         settings = {k: list(v) if isinstance(v, tuple) else v for k, v in sorted(self.settings.items())}
         for scenario in self.scenarios:
             for world in self.worlds:
-                yield {"scenario": scenario, "world": world, "set": settings, **digest}
+                yield {"scenario": scenario, "world": world, "set": settings, **digest, **self.selection}
 
     def _of(self, place: Place) -> Iterator[Cell]:
         yield Cell("bounds", place, {})

@@ -248,7 +248,7 @@ def _about(study: Study, run: StudyRun) -> dict[str, Any]:
         "scenarios": list(study.scenarios),
         "worlds": list(study.worlds),
         "training seeds": study.seeds,
-        "changed settings": dict(study.settings),
+        "changed settings": {**study.settings, **study.selection},
         "certified gap": study.gap,
         "cells": len(run.cells),
         "schema of cells": SCHEMA,

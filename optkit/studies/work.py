@@ -63,7 +63,8 @@ def run_cell(cell: Cell, trips: tuple[str, ...] | None = None) -> Result:
 
 def _name(place: Place) -> tuple[Any, ...]:
     settings = tuple((name, tuple(v) if isinstance(v, list) else v) for name, v in place.get("set", {}).items())
-    return (place["scenario"], place["world"], settings, place.get("trips"))
+    selection = tuple((name, place[name]) for name in ("mode", "fraction") if name in place)
+    return (place["scenario"], place["world"], settings + selection, place.get("trips"))
 
 
 def _source(place: Place, trips: tuple[str, ...] | None) -> Scenario:

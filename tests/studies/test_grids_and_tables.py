@@ -1,5 +1,7 @@
 """Which cells a study has, and what its tables make of them, recomputed by hand."""
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -89,11 +91,30 @@ def test_the_network_is_left_out_where_it_cannot_be_made(monkeypatch):
         ({"seeds": 0}, "seeds = 0"),
         ({"seeds": True}, "seeds = True"),
         ({"name": "nyc"}, "needs trip records"),
+        ({"mode": "mondays"}, "the study homogeneous has none"),
+        ({"fraction": 0.3}, "the study homogeneous has none"),
+        ({"name": "nyc", "trips": ("x.csv",), "mode": "sundays"}, "no mode 'sundays'"),
+        ({"name": "nyc", "trips": ("x.csv",), "fraction": 2.0}, "fraction = 2"),
     ],
 )
 def test_what_makes_no_study_is_refused(change, words):
     with pytest.raises(InputError, match=words):
         Study(**{"name": "homogeneous", **change})
+
+
+def test_the_selection_of_trips_makes_other_cells(tmp_path):
+    """The usual one is not told, so that cells of studies that did not ask for it are found again."""
+    (tmp_path / "a.csv").write_text("x")
+    make = partial(Study, "nyc", trips=(str(tmp_path / "a.csv"),), gap=False)
+    usual, said, other, fewer = (
+        {cell.key for cell in make(**more).cells()}
+        for more in ({}, {"mode": "folded"}, {"mode": "mondays"}, {"mode": "mondays", "fraction": 0.01})
+    )
+    assert usual == said
+    assert not usual & other
+    assert not other & fewer
+    assert "mode" not in make().cells()[0].place
+    assert make(mode="mondays", fraction=1).cells()[0].place["fraction"] == 1.0
 
 
 def test_trips_are_known_by_what_is_in_them(tmp_path):

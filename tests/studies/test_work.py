@@ -154,6 +154,22 @@ def test_trips_that_are_not_those_of_the_plan_are_refused(tmp_path):
         run_cell(Cell("policy", {**place, "trips": "0" * 16}, {"policy": "Myopic, true MNL", "seed": 0}), (str(file),))
 
 
+def test_trips_are_selected_as_the_place_says(tmp_path):
+    """Mondays from 11 to 12 as the paper does, and a share of them; a week pooled otherwise."""
+    file = tmp_path / "a_tripdata.csv"
+    times = np.datetime64("2018-01-01T07:00") + np.arange(30_000) * np.timedelta64(1, "m")
+    ends = times + np.timedelta64(12, "m")
+    zones = {"PULocationID": 261, "DOLocationID": 236}
+    pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(file, index=False)
+    place = {"scenario": "nyc-weak", "world": 0, "set": {"split": [1, 2, 1]}, "trips": digest_of([str(file)])}
+    for more in ({}, {"mode": "mondays"}, {"mode": "mondays", "fraction": 0.6}):
+        found = run_cell(Cell("bounds", {**place, **more}, {}), (str(file),))["requests"]
+        days = scenario("nyc-weak", 0, trips=[file], split=(1, 2, 1), **more).split().test
+        assert found == [day.n_requests for day in days]
+    # A trip a minute for three weeks: a Monday's half-hour has 30, of which three fifths are requests.
+    assert all(5 < count < 30 for count in found)
+
+
 def test_the_same_cell_gives_the_same_result():
     one = Cell("policy", PLACE, {"policy": "Kernel, true MNL", "seed": 1})
     assert run_cell(one) == run_cell(one)
