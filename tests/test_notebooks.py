@@ -224,6 +224,8 @@ def test_app_fits_a_phone_and_the_dark(notebook, address, page):
     )
     expect(page.locator(".output-area").last.locator(".markdown, img").first).to_be_visible()
     page.locator(".katex").first.wait_for()
+    sliders = page.get_by_role("slider")
+    expect(sliders).to_have_count(len(re.findall(r"mo\.ui\.slider\(", text)), timeout=30_000)
     page.evaluate("document.fonts.ready")
     wide = page.evaluate(
         "[...document.querySelectorAll('html, body, #App, #App *')]"
@@ -232,9 +234,7 @@ def test_app_fits_a_phone_and_the_dark(notebook, address, page):
     )
     assert wide == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    sliders = page.get_by_role("slider").all()
-    assert len(sliders) == len(re.findall(r"mo\.ui\.slider\(", text))
-    for slider in sliders:
+    for slider in sliders.all():
         slider.scroll_into_view_if_needed()
         box = slider.bounding_box()
         assert box["x"] >= 0
