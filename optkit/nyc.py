@@ -6,6 +6,7 @@ Paper section 4.2 (New York Taxi data) and Table 1; design section 5.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -146,12 +147,13 @@ class TripScenario(Scenario):
         return super().describe() | more
 
 
-def check_selection(mode: str, fraction: float | None) -> None:
+def check_selection(mode: Any, fraction: Any) -> None:
     """Raise InputError unless trips can be selected so, see :func:`trip_scenario`."""
-    if mode not in MODES:
+    if not isinstance(mode, str) or mode not in MODES:
         raise InputError(f"no mode {mode!r}; there are {', '.join(MODES)}")
-    if fraction is not None and not 0 < fraction <= 1:
-        raise InputError(f"fraction = {fraction} must be above 0 and at most 1: it is the share of trips kept")
+    number = isinstance(fraction, Real) and not isinstance(fraction, bool)
+    if fraction is not None and not (number and 0 < fraction <= 1):
+        raise InputError(f"fraction = {fraction!r} must be above 0 and at most 1: it is the share of trips kept")
 
 
 def trip_scenario(

@@ -137,6 +137,24 @@ def test_the_paper_s_own_selection_of_trips(study, tmp_path):
     told = json.loads((tmp_path / "out" / "nyc" / "report.json").read_text())
     assert status == 0
     assert told["settings"]["changed settings"] == {"split": [6, 4, 2], "mode": "mondays", "fraction": 0.9}
+    status, out, _ = study("all", *common[1:], "--dry-run", "--json", "--out", tmp_path / "out")
+    assert status == 0
+    assert [one["study"] for one in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity", "nyc"]
+
+
+def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path):
+    """Nobody asks: what is paid for a request has no mean then."""
+    times = np.datetime64("2018-01-01T07:00") + np.arange(60_000) * np.timedelta64(1, "m")
+    ends = times + np.timedelta64(12, "m")
+    zones = {"PULocationID": 261, "DOLocationID": 236}
+    trips = tmp_path / "a_tripdata.csv"
+    pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(trips, index=False)
+    common = ["nyc", "--trips", trips, "--fraction", 1e-9, "--set", "split=6,4,2", "--no-gap", "--seeds", 1]
+    status, out, err = study(*common, "--out", tmp_path / "out", "--jobs", 1)
+    assert (tmp_path / "out" / "nyc" / "report.html").exists()
+    assert status == 1  # of policies that want data to learn from
+    assert "training needs instances with requests" in err
+    assert "report:" in out
 
 
 def test_a_folder_of_others_is_not_replaced(study, tmp_path):

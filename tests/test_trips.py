@@ -127,13 +127,13 @@ def test_bad_rows_are_counted_once_each_under_their_first_reason(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("name", "kept"), [("yellow_tripdata_2018-03.csv", 1), ("green_tripdata_2018_x.csv", 2), ("tripdata.csv", 3)]
+    ("name", "kept"), [("yellow_tripdata_2018-03.csv", 1), ("green_tripdata_2018_x.csv", 2), ("tripdata.csv", 4)]
 )
 def test_a_date_outside_the_month_in_the_files_name_is_implausible(tmp_path: Path, name: str, kept: int) -> None:
-    days = ["2018-03-31 23:59:00", "2018-04-01 00:00:00", "2017-12-31 23:00:00"]
+    days = ["2018-03-31 23:59:00", "2018-04-01 00:00:00", "2017-12-31 23:00:00", "2019-01-01 00:00:00"]
     rows = [(day, str(pd.Timestamp(day) + pd.Timedelta("5min")), 12, 12) for day in days]
     trips = read_trips(written(table(*rows), tmp_path / name))
-    assert (len(trips.frame), trips.report["implausible date"]) == (kept, 3 - kept)
+    assert (len(trips.frame), trips.report["implausible date"]) == (kept, 4 - kept)
 
 
 def test_several_files_and_a_folder_of_them_are_read_together(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from optkit.errors import InputError
 from optkit.instance import Floats
 from optkit.models.ranked_term import hats, is_group, knots
 from optkit.models.request_sets import Requests, RequestSets
+
+_ONE_AT_A_TIME = Lock()  # the number of BLAS threads is the process's, and is put back as it was found
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +99,7 @@ class KernelFeatures:
         if not all(np.isfinite(x).all() for x in (self.center, self.scale, self.landmarks)):
             raise InputError("center, scale and landmarks must be finite numbers")
         # Other threads, other digits: one, as in training, so that a file prices as the trained policy did.
-        with threadpool_limits(limits=1):
+        with _ONE_AT_A_TIME, threadpool_limits(limits=1):
             values, vectors = np.linalg.eigh(self._kernel(self.landmarks))
             root = (vectors / np.sqrt(np.maximum(values, 1e-10))) @ vectors.T
         object.__setattr__(self, "_root", root)

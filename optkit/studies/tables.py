@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optkit.instance import Floats
-from optkit.metrics import mean_interval, performance_ratio
+from optkit.metrics import MeanInterval, mean_interval, performance_ratio
 from optkit.studies.cells import Cell
 from optkit.studies.runner import StudyRun
 from optkit.studies.work import Result
@@ -271,7 +271,8 @@ def _operations(run: StudyRun) -> Iterator[Row]:
         against = bounds.get((cell.place["scenario"], cell.place["world"]))
         if "over" not in result or against is None:
             continue
-        over = mean_interval(np.array(result["over"], dtype=float))
+        paid = np.array(result["over"], dtype=float)  # for each request served; none where nobody was
+        over = mean_interval(paid) if paid.size else MeanInterval(np.nan, np.nan, np.nan, np.nan, 0)
         used = mean_interval(100.0 * np.array(result["served"]) / np.maximum(against["workers"], 1))
         rate = _rates(result)
         spread = 100.0 * float(np.nanstd(rate) / np.nanmean(rate)) if np.nansum(rate) > 0 else np.nan

@@ -63,6 +63,8 @@ def run_cell(cell: Cell, trips: tuple[str, ...] | None = None) -> Result:
 
 def _name(place: Place) -> tuple[Any, ...]:
     settings = tuple((name, tuple(v) if isinstance(v, list) else v) for name, v in place.get("set", {}).items())
+    if unknown := set(place) - {"scenario", "world", "set", "trips", "mode", "fraction"}:
+        raise DataError(f"this optkit does not know {', '.join(sorted(unknown))} of a study: update it")
     selection = tuple((name, place[name]) for name in ("mode", "fraction") if name in place)
     return (place["scenario"], place["world"], settings + selection, place.get("trips"))
 

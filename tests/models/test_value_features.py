@@ -1,6 +1,8 @@
 """Features of a request on its own: hats of surplus and time, and those of a Gaussian kernel."""
 
 import json
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -78,7 +80,7 @@ def test_kernel_features_reproduce_the_kernel():
     assert KERNEL.size == 3
 
 
-def test_kernel_features_are_the_same_whatever_the_number_of_threads():
+def test_the_root_of_the_kernel_does_not_depend_on_the_number_of_threads():
     """A file is read where threads are free, after a training that had one (at 300 landmarks: 5e-5 apart, untamed)."""
     landmarks = np.random.default_rng(0).normal(size=(300, 4))
 
@@ -87,6 +89,23 @@ def test_kernel_features_are_the_same_whatever_the_number_of_threads():
             return KernelFeatures(np.zeros(4), np.ones(4), landmarks, 0.2)._root
 
     np.testing.assert_array_equal(root(1), root(2))
+
+
+def test_features_are_made_one_at_a_time(monkeypatch):
+    """Whoever came second would find one thread of BLAS, and put back that one for the whole process."""
+    eigh, inside, most = np.linalg.eigh, [], []
+
+    def slow(matrix):
+        inside.append(1)
+        most.append(len(inside))
+        time.sleep(0.02)
+        inside.pop()
+        return eigh(matrix)
+
+    monkeypatch.setattr(np.linalg, "eigh", slow)
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(lambda _: KernelFeatures(np.zeros(1), np.ones(1), np.array([[0.0], [1.0]]), 0.2), range(6)))
+    assert most == [1] * 6
 
 
 def test_kernel_features_are_finite_for_padding(random_sets):

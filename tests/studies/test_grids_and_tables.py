@@ -94,7 +94,10 @@ def test_the_network_is_left_out_where_it_cannot_be_made(monkeypatch):
         ({"mode": "mondays"}, "the study homogeneous has none"),
         ({"fraction": 0.3}, "the study homogeneous has none"),
         ({"name": "nyc", "trips": ("x.csv",), "mode": "sundays"}, "no mode 'sundays'"),
+        ({"name": "nyc", "trips": ("x.csv",), "mode": ["mondays"]}, "no mode"),
         ({"name": "nyc", "trips": ("x.csv",), "fraction": 2.0}, "fraction = 2"),
+        ({"name": "nyc", "trips": ("x.csv",), "fraction": "0.3"}, "fraction = '0.3'"),
+        ({"name": "nyc", "trips": ("x.csv",), "fraction": True}, "fraction = True"),
     ],
 )
 def test_what_makes_no_study_is_refused(change, words):
@@ -114,7 +117,7 @@ def test_the_selection_of_trips_makes_other_cells(tmp_path):
     assert not usual & other
     assert not other & fewer
     assert "mode" not in make().cells()[0].place
-    assert make(mode="mondays", fraction=1).cells()[0].place["fraction"] == 1.0
+    assert make(fraction=1).cells()[0].key == make(fraction=1.0).cells()[0].key
 
 
 def test_trips_are_known_by_what_is_in_them(tmp_path):

@@ -170,6 +170,12 @@ def test_trips_are_selected_as_the_place_says(tmp_path):
     assert all(5 < count < 30 for count in found)
 
 
+def test_what_is_not_known_of_a_place_is_refused():
+    """A worker with an older optkit must not leave a setting out."""
+    with pytest.raises(DataError, match="does not know weather of a study"):
+        run_cell(Cell("bounds", {**PLACE, "weather": "rain"}, {}))
+
+
 def test_the_same_cell_gives_the_same_result():
     one = Cell("policy", PLACE, {"policy": "Kernel, true MNL", "seed": 1})
     assert run_cell(one) == run_cell(one)
