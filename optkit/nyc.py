@@ -148,7 +148,18 @@ class TripScenario(Scenario):
 
 
 def check_selection(mode: Any, fraction: Any) -> None:
-    """Raise InputError unless trips can be selected so, see :func:`trip_scenario`."""
+    """Refuse what says not how trips become instances.
+
+    Parameters
+    ----------
+    mode, fraction : str, float or None
+        See :func:`trip_scenario`.
+
+    Raises
+    ------
+    InputError
+        If the mode is unknown, or the fraction is no number above 0 and at most 1.
+    """
     if not isinstance(mode, str) or mode not in MODES:
         raise InputError(f"no mode {mode!r}; there are {', '.join(MODES)}")
     number = isinstance(fraction, Real) and not isinstance(fraction, bool)

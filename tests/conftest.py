@@ -1,8 +1,10 @@
-"""What several test files share: a real browser that complains."""
+"""What several test files share: a real browser that complains, and trip records."""
 
 import shutil
 from urllib.parse import urlsplit
 
+import numpy as np
+import pandas as pd
 import pytest
 
 HERE = ("127.0.0.1", "localhost", "[::1]", "::1")
@@ -42,3 +44,22 @@ def page(browser):
     yield tab
     context.close()
     assert not complaints
+
+
+@pytest.fixture
+def trip_a_minute(tmp_path):
+    """Write trip records from Monday, 2018-01-01, 7:00 on, one a minute; return the file."""
+
+    def written(count, minutes=12, pickups=(261,)):
+        start = np.datetime64("2018-01-01T07:00") + np.arange(count) * np.timedelta64(1, "m")
+        columns = {
+            "tpep_pickup_datetime": start,
+            "tpep_dropoff_datetime": start + np.timedelta64(minutes, "m"),
+            "PULocationID": np.resize(pickups, count),
+            "DOLocationID": 236,
+        }
+        file = tmp_path / "a_tripdata.csv"
+        pd.DataFrame(columns).to_csv(file, index=False)
+        return file
+
+    return written

@@ -4,7 +4,6 @@ import json
 import signal
 import sys
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -125,13 +124,9 @@ def test_bad_input_is_one_line(study, arguments, message, tmp_path):
     assert len(err.strip().splitlines()) == 1
 
 
-def test_the_paper_s_own_selection_of_trips(study, tmp_path):
+def test_the_paper_s_own_selection_of_trips(study, tmp_path, trip_a_minute):
     """Options reach the cells and the report's settings."""
-    times = np.datetime64("2018-01-01T07:00") + np.arange(60_000) * np.timedelta64(1, "m")
-    ends = times + np.timedelta64(12, "m")
-    zones = {"PULocationID": np.resize([261, 236, 43], times.size), "DOLocationID": 236}
-    trips = tmp_path / "a_tripdata.csv"
-    pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(trips, index=False)
+    trips = trip_a_minute(60_000, pickups=(261, 236, 43))
     common = ["nyc", "--trips", trips, "--mode", "mondays", "--fraction", 0.9, "--set", "split=6,4,2"]
     status, _, _ = study(*common, "--no-gap", "--seeds", 1, "--out", tmp_path / "out", "--jobs", 1)
     told = json.loads((tmp_path / "out" / "nyc" / "report.json").read_text())
@@ -142,13 +137,9 @@ def test_the_paper_s_own_selection_of_trips(study, tmp_path):
     assert [one["study"] for one in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity", "nyc"]
 
 
-def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path):
+def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path, trip_a_minute):
     """Nobody asks: what is paid for a request has no mean then."""
-    times = np.datetime64("2018-01-01T07:00") + np.arange(60_000) * np.timedelta64(1, "m")
-    ends = times + np.timedelta64(12, "m")
-    zones = {"PULocationID": 261, "DOLocationID": 236}
-    trips = tmp_path / "a_tripdata.csv"
-    pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(trips, index=False)
+    trips = trip_a_minute(60_000)
     common = ["nyc", "--trips", trips, "--fraction", 1e-9, "--set", "split=6,4,2", "--no-gap", "--seeds", 1]
     status, out, err = study(*common, "--out", tmp_path / "out", "--jobs", 1)
     assert (tmp_path / "out" / "nyc" / "report.html").exists()

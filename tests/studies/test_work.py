@@ -4,7 +4,6 @@ import json
 from functools import partial
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from optkit import simulate
@@ -137,16 +136,12 @@ def test_the_gap_is_the_report_s(monkeypatch):
     assert not any("seconds" in row for row in found["bounds"])
 
 
-def test_trips_that_are_not_those_of_the_plan_are_refused(tmp_path):
+def test_trips_that_are_not_those_of_the_plan_are_refused(trip_a_minute):
     """Also when the scenario was made before: a place's digest, not the path, says which trips are meant."""
-    file = tmp_path / "a_tripdata.csv"
     place = {"scenario": "nyc-weak", "world": 0, "set": {"split": [1, 1, 1]}}
     rewards = []
     for minutes in (12, 20):
-        times = np.datetime64("2018-01-01T07:00") + np.arange(30_000) * np.timedelta64(1, "m")
-        ends = times + np.timedelta64(minutes, "m")
-        zones = {"PULocationID": 261, "DOLocationID": 236}
-        pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(file, index=False)
+        file = trip_a_minute(30_000, minutes)
         one = Cell("policy", {**place, "trips": digest_of([str(file)])}, {"policy": "Myopic, true MNL", "seed": 0})
         rewards.append(run_cell(one, (str(file),))["reward"])
     assert rewards[0] != rewards[1]
@@ -154,13 +149,9 @@ def test_trips_that_are_not_those_of_the_plan_are_refused(tmp_path):
         run_cell(Cell("policy", {**place, "trips": "0" * 16}, {"policy": "Myopic, true MNL", "seed": 0}), (str(file),))
 
 
-def test_trips_are_selected_as_the_place_says(tmp_path):
+def test_trips_are_selected_as_the_place_says(trip_a_minute):
     """Mondays from 11 to 12 as the paper does, and a share of them; a week pooled otherwise."""
-    file = tmp_path / "a_tripdata.csv"
-    times = np.datetime64("2018-01-01T07:00") + np.arange(30_000) * np.timedelta64(1, "m")
-    ends = times + np.timedelta64(12, "m")
-    zones = {"PULocationID": 261, "DOLocationID": 236}
-    pd.DataFrame({"tpep_pickup_datetime": times, "tpep_dropoff_datetime": ends, **zones}).to_csv(file, index=False)
+    file = trip_a_minute(30_000)
     place = {"scenario": "nyc-weak", "world": 0, "set": {"split": [1, 2, 1]}, "trips": digest_of([str(file)])}
     for more in ({}, {"mode": "mondays"}, {"mode": "mondays", "fraction": 0.6}):
         found = run_cell(Cell("bounds", {**place, **more}, {}), (str(file),))["requests"]
