@@ -2,6 +2,6 @@
 
 from importlib.util import find_spec
 
-NEEDS_TORCH = [f"optkit/models/attention_{part}.py" for part in ("network", "training", "value")]
+NEEDS_TORCH = [f"optkit/models/value/attention/{part}.py" for part in ("network", "training", "value")]
 
 collect_ignore = ["optkit/teach", *([] if find_spec("torch") else NEEDS_TORCH)]

@@ -30,10 +30,10 @@ from rich.table import Table
 from scipy.optimize import minimize
 
 from optkit import scenario
-from optkit.bounds.arrival_dual import arrival_dual
-from optkit.bounds.arrival_program import arrival_program
-from optkit.bounds.open_pairs import OpenPairs
-from optkit.instance import Floats, Instance
+from optkit.bounds.arrival.dual import arrival_dual
+from optkit.bounds.arrival.market import OpenPairs
+from optkit.bounds.arrival.program import arrival_program
+from optkit.instances.instance import Floats, Instance
 
 SIZES = (1_000, 10_000, 100_000)
 HARD_LIMIT = 60.0

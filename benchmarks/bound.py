@@ -25,13 +25,13 @@ from _machine import forget_peak, machine, status
 from rich.console import Console
 from rich.table import Table
 
+from optkit.basics.errors import SolverError
 from optkit.bounds import full_information
-from optkit.bounds.edges import edges
-from optkit.bounds.matching import dense_matching, sparse_matching
-from optkit.bounds.matching_program import solve_matching_program
-from optkit.bounds.windows import value_of_pairs
-from optkit.errors import SolverError
-from optkit.instance import Instance
+from optkit.bounds.full.edges import edges
+from optkit.bounds.full.matching import dense_matching, sparse_matching
+from optkit.bounds.full.matching_program import solve_matching_program
+from optkit.bounds.full.windows import value_of_pairs
+from optkit.instances.instance import Instance
 
 SIZES = (50, 120, 1_000, 10_000, 100_000)
 MILP_LIMIT = 60.0

@@ -30,13 +30,14 @@ from rich.progress import Progress
 from rich.table import Table
 
 from optkit import scenario
-from optkit.bounds.penalized import LIMIT
-from optkit.charging import MOST, TRAINING, held_out, scenario_charging
-from optkit.gap import gap_report
-from optkit.gap_rows import KINDS
-from optkit.plain import to_json
+from optkit.basics.plain_json import to_json
+from optkit.bounds.penalised.penalized import LIMIT
+from optkit.gap.charging import MOST, TRAINING, scenario_charging
+from optkit.gap.report import gap_report
+from optkit.gap.rows import BOUND_KINDS
+from optkit.instances.splits import held_out
+from optkit.learning.training import train
 from optkit.policies import PostDecisionPricing
-from optkit.training import train
 
 RESULTS = Path(__file__).parent / "results" / "gap.json"
 
@@ -75,7 +76,7 @@ def measure(name: str, seed: int, options: argparse.Namespace, console: Console)
 def show(rows: list[dict[str, Any]], jobs: int) -> Table:
     """Make the table: points of every bound and of the best policy, and the gap."""
     table = Table(title="points of full information, ± half-width of the 95 % interval; at most: one-sided 95 %")
-    for heading in ("scenario", "world", *KINDS[1:], "best policy", "", "gap", "at most", f"s, {jobs} job(s)"):
+    for heading in ("scenario", "world", *BOUND_KINDS[1:], "best policy", "", "gap", "at most", f"s, {jobs} job(s)"):
         table.add_column(heading, justify="left" if heading == "scenario" else "right")
     for row in rows:
         bounds = {one["kind"]: f"{one['points']:.2f} ± {one['half_width']:.2f}" for one in row["bounds"]}
@@ -84,7 +85,7 @@ def show(rows: list[dict[str, Any]], jobs: int) -> Table:
         table.add_row(
             row["scenario"],
             str(row["world"]),
-            *(bounds[kind] for kind in KINDS[1:]),
+            *(bounds[kind] for kind in BOUND_KINDS[1:]),
             f"{best['points']:.2f} ± {best['half_width']:.2f}",
             gap["policy"],
             f"{gap['points']:.2f} ± {(gap['points_high'] - gap['points_low']) / 2:.2f}",

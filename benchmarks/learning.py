@@ -23,9 +23,9 @@ from rich.table import Table
 
 from optkit import performance_ratio, scenario, simulate
 from optkit.bounds import full_information
-from optkit.learning import RIDGE, learn_once, learn_preferences
+from optkit.learning.rounds import RIDGE, learn_once, learn_preferences
 from optkit.models.estimation import EstimationWarning
-from optkit.models.preference_fit import fit_preferences, utility_errors
+from optkit.models.preferences.fit import fit_preferences, utility_errors
 from optkit.policies import PostDecisionPricing
 
 WAYS = ("paper's data", "re-estimated", "accept-reject", "single MNL")

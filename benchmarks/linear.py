@@ -24,14 +24,14 @@ import numpy as np
 from _machine import machine
 
 from optkit import scenario, simulate
+from optkit.basics.plain_json import to_json
 from optkit.bounds import Foresight, full_information
-from optkit.bounds.arrival_dual import arrival_dual
-from optkit.bounds.charge_fit import fit_linear_charges
-from optkit.bounds.foresight import fifo_presence
-from optkit.bounds.penalized_dual import penalized_assignment, penalized_dual
-from optkit.fluid_scenario import bid_prices
-from optkit.gap_tables import ratio_of_means
-from optkit.plain import to_json
+from optkit.bounds.arrival.dual import arrival_dual
+from optkit.bounds.penalised.charge_fit import fit_linear_charges
+from optkit.bounds.penalised.foresight import fifo_presence
+from optkit.bounds.penalised.penalized_dual import penalized_assignment, penalized_dual
+from optkit.gap.fluid_scenario import bid_prices
+from optkit.gap.tables import ratio_of_means
 from optkit.policies import PostDecisionPricing
 
 RESULTS = Path(__file__).parent / "results" / "linear.json"

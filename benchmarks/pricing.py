@@ -31,7 +31,7 @@ from _machine import machine  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from optkit.errors import SolverError  # noqa: E402
+from optkit.basics.errors import SolverError  # noqa: E402
 from optkit.models.pricing import certify, optimal_prices  # noqa: E402
 from optkit.models.pricing_program import PricingProgram  # noqa: E402
 

@@ -30,10 +30,10 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit import Instance, scenario, simulate
-from optkit.batch import Batch
 from optkit.models.pricing import optimal_prices
 from optkit.policies import PostDecisionPricing, RewardPercentage
-from optkit.tuning import tune_formula, tune_reward_percentage
+from optkit.policies.tuning import tune_formula, tune_reward_percentage
+from optkit.simulation.batch import Batch
 
 RESULTS = Path(__file__).parent / "results" / "simulation.json"
 GOAL = 20.0

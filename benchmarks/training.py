@@ -29,13 +29,13 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit import scenario, simulate
-from optkit.charging import MOST, TRAINING
+from optkit.basics.plain_json import to_json
+from optkit.gap.charging import MOST, TRAINING
+from optkit.learning.training import train
 from optkit.models.value import LinearValue
-from optkit.plain import to_json
 from optkit.policies import PostDecisionPricing
-from optkit.simulator import Policy
-from optkit.state import State
-from optkit.training import train
+from optkit.simulation.simulator import Policy
+from optkit.simulation.state import State
 
 RESULTS = Path(__file__).parent / "results" / "training.json"
 NETWORKS: dict[str, tuple[Any, int]] = {

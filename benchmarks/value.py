@@ -28,19 +28,20 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit import performance_ratio, scenario, simulate
+from optkit.basics.errors import OptkitError
 from optkit.bounds import arrival_information, full_information
-from optkit.charging import MOST, TRAINING, held_out
-from optkit.errors import OptkitError
-from optkit.learning import learn_preferences
-from optkit.metrics import mean_interval
-from optkit.models.ranked_term import RankedTerm
+from optkit.gap.charging import MOST, TRAINING
+from optkit.instances.new_york.trip_scenario import TripScenario
+from optkit.instances.settings import TABLE_1
+from optkit.instances.splits import held_out
+from optkit.learning.rounds import learn_preferences
+from optkit.learning.training import train
 from optkit.models.value import LinearValue
-from optkit.models.value_features import HatFeatures
-from optkit.nyc import TripScenario
+from optkit.models.value.features import HatFeatures
+from optkit.models.value.ranked_term import RankedTerm
 from optkit.policies import PostDecisionPricing
-from optkit.training import train
-from optkit.tuning import tune_formula, tune_reward_percentage
-from optkit.world import TABLE_1
+from optkit.policies.tuning import tune_formula, tune_reward_percentage
+from optkit.simulation.metrics import mean_interval
 
 GROUPS = ("light", "mean", "networks")
 NETWORKS = {

@@ -1,15 +1,14 @@
 """Importing optkit is quiet and light, and its top level is what it says."""
 
-import ast
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 import optkit
+from tests.layers import GROUND, ORDER, ROOT, arrows, circles, depth, imported, module_circles
 
 HEAVY = [
     "cvxpy",
@@ -25,11 +24,11 @@ HEAVY = [
 ]
 
 
-def fresh(code):
+def fresh(code, allow_warnings=False):
     """Run code in a fresh interpreter; return what it printed and which modules it loaded."""
     report = "; import sys, json; print('\\x00' + json.dumps(sorted(sys.modules)))"
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code + report],
+        [sys.executable, *([] if allow_warnings else ["-W", "error"]), "-c", code + report],
         capture_output=True,
         text=True,
         check=False,
@@ -82,10 +81,10 @@ def test_import_changes_nothing():
 
 def test_every_public_name_is_there():
     """All names of the top level can be loaded, and come from the modules where they are documented."""
-    for name in optkit.__all__:
-        assert getattr(optkit, name) is not None
-    from optkit.instance import Instance
-    from optkit.simulator import simulate
+    found = {name: getattr(optkit, name) for name in optkit.__all__ if name != "__version__"}
+    assert all(thing.__name__ == name and thing.__module__.startswith("optkit.") for name, thing in found.items())
+    from optkit.instances.instance import Instance
+    from optkit.simulation.simulator import simulate
 
     assert optkit.Instance is Instance
     assert optkit.simulate is simulate
@@ -94,7 +93,8 @@ def test_every_public_name_is_there():
 def test_dir_lists_the_public_names():
     """dir() shows the public names, for completion in a notebook."""
     assert dir(optkit) == sorted(optkit.__all__)
-    assert {"Instance", "scenario", "simulate", "performance_ratio", "OptkitError"} <= set(dir(optkit))
+    first = {"Instance", "scenario", "simulate", "train", "gap_report", "optimal_prices", "certify", "ConditionalLogit"}
+    assert first <= set(dir(optkit))
 
 
 def test_unknown_name():
@@ -107,8 +107,8 @@ def test_unknown_name():
 
 
 def test_errors_form_one_tree():
-    """Every exception of optkit.errors derives from OptkitError, so that one except clause catches all."""
-    from optkit import errors
+    """Every exception of optkit.basics.errors derives from OptkitError, so that one except clause catches all."""
+    from optkit.basics import errors
 
     own = [thing for thing in vars(errors).values() if isinstance(thing, type) and issubclass(thing, Exception)]
     assert len(own) >= 6
@@ -120,18 +120,75 @@ def test_version_is_one():
     assert [part.isdigit() for part in optkit.__version__.split(".")] == [True] * 3
 
 
-def test_imports_point_one_way():
-    """optkit.models knows instances, errors, arrays and seeds, optkit.bounds also the models; neither knows more."""
-    root = Path(__file__).parents[1] / "optkit"
-    allowed = {"optkit.instance", "optkit.errors", "optkit.arrays", "optkit.seeds"}
-    for part, known in (("models", ["models"]), ("bounds", ["bounds", "models"])):
-        own = tuple(f"optkit.{one}." for one in known)
-        for path in (root / part).glob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text())):
-                names = [node.module] if isinstance(node, ast.ImportFrom) else []
-                names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                kit = {name for name in names if name and name.split(".")[0] == "optkit"}
-                assert all(name in allowed or f"{name}.".startswith(own) for name in kit), (
-                    path.name,
-                    kit,
-                )
+PACKAGES = sorted(
+    ".".join(("optkit", *path.parent.relative_to(ROOT).parts))
+    for path in ROOT.rglob("__init__.py")
+    if "teach" not in path.parts
+)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_dir_of_a_package_is_its_face(package):
+    """A package's dir() lists its public names, or, where it offers none of its own, its modules; nothing else."""
+    code = (
+        f"import importlib, pkgutil; p = importlib.import_module({package!r});"
+        "names = set(getattr(p, '__all__', ())); [getattr(p, name) for name in names];"
+        "inside = set() if names else {one.name for one in pkgutil.iter_modules(p.__path__)};"
+        "assert {n for n in dir(p) if n.strip('_') == n} <= names | inside, (dir(p), names)"
+    )
+    assert fresh(code, allow_warnings=True)[0] == ""
+
+
+def test_imports_point_down():
+    """Every file imports from packages below its own in the declared order, nested files and late imports too."""
+    rank = {name: height for height, names in enumerate(ORDER) for name in names}
+    assert set(rank) == set(arrows())
+    for here, there in arrows().items():
+        assert all(rank[name] < rank[here] for name in there), (here, {n for n in there if rank[n] >= rank[here]})
+
+
+def test_there_are_few_units_and_no_circle():
+    """At most 16 units in at most 9 layers; only the face and the door of ``python -m optkit`` lie loose."""
+    graph = arrows()
+    assert {path.name for path in ROOT.glob("*.py")} == {"__init__.py", "__main__.py"}
+    assert len(graph) <= 16
+    assert depth(graph) <= len(ORDER) <= 9
+    assert circles(graph) == []
+    assert module_circles() == []
+
+
+@pytest.mark.parametrize(("part", "others"), [("models", ()), ("bounds", ("optkit.models",))])
+def test_mathematics_knows_errors_arrays_seeds_and_the_instance_only(part, others):
+    """``models`` knows nothing else of the kit, ``bounds`` the models besides."""
+    own = (f"optkit.{part}", *others)
+    for path in (ROOT / part).rglob("*.py"):
+        strange = {
+            n for n in imported(path) if n not in GROUND and not any(n == o or n.startswith(f"{o}.") for o in own)
+        }
+        assert not strange, (path, strange)
+
+
+def test_the_checks_of_imports_see_nested_files(tmp_path):
+    """A wrong import in a nested file, inside a function, is found; so is a circle of two files."""
+    for name, text in {
+        "__init__.py": "",
+        "models/__init__.py": "",
+        "models/value/__init__.py": "",
+        "models/value/deep.py": "def f():\n    from optkit.gap import report\n",
+        "gap/__init__.py": "",
+        "gap/report.py": "from optkit.models.value import deep\n",
+    }.items():
+        path = tmp_path / "optkit" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    root = tmp_path / "optkit"
+    assert arrows(root) == {"__init__": set(), "gap": {"models"}, "models": {"gap"}}
+    assert circles(arrows(root)) == [("gap", "models")]
+    assert module_circles(root) == [("optkit.gap.report", "optkit.models.value.deep")]
+
+
+def test_the_command_line_is_also_a_module():
+    """``python -m optkit`` is the command line."""
+    done = subprocess.run([sys.executable, "-m", "optkit", "--version"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert optkit.__version__ in done.stdout

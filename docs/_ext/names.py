@@ -1,4 +1,4 @@
-"""Cross references by any name that Python knows: optkit.simulate is optkit.simulator.simulate.
+"""Cross references by any name that Python knows: optkit.simulate is optkit.simulation.simulator.simulate.
 
 Every name must exist, or the strict build fails. One that is not part of the reference is set without a link.
 """

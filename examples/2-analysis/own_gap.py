@@ -9,12 +9,12 @@ import numpy as np
 
 from optkit import scenario
 from optkit.bounds import Foresight
-from optkit.bounds.foresight import fifo_presence
-from optkit.gap import gap_report
-from optkit.models.request_sets import ZeroSetValue
+from optkit.bounds.penalised.foresight import fifo_presence
+from optkit.gap.report import gap_report
+from optkit.learning.training import train
 from optkit.models.value import LinearValue
+from optkit.models.value.request_sets import ZeroSetValue
 from optkit.policies import PostDecisionPricing
-from optkit.training import train
 
 source = scenario("I.2", seed=0)
 days = source.split().test[:40]

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from optkit.models.estimation import NotIdentifiedError, identification
-from optkit.models.offers import Offers
-from optkit.models.preference_fit import fit_preferences
+from optkit.models.preferences.fit import fit_preferences
+from optkit.models.preferences.offers import Offers
 
 
 def platform_log(situations: int, least_pay: float, seed: int) -> pd.DataFrame:

@@ -7,8 +7,8 @@ import numpy as np
 
 from optkit import performance_ratio, scenario, simulate
 from optkit.bounds import full_information
-from optkit.metrics import mean_interval
 from optkit.policies import PostDecisionPricing
+from optkit.simulation.metrics import mean_interval
 
 split = scenario("I.1", seed=0, split=(120, 60, 10)).split()
 

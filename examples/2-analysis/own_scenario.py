@@ -7,12 +7,12 @@ drawn again, and training, validation and test instances must be independent.
 import numpy as np
 
 from optkit import Instance
-from optkit.charging import worker_charging
-from optkit.fifo import fifo_queue
-from optkit.gap import gap_report
+from optkit.gap.charging import worker_charging
+from optkit.gap.report import gap_report
+from optkit.instances.queue import fifo_queue
+from optkit.instances.scenario import Split
+from optkit.learning.training import train
 from optkit.policies import PostDecisionPricing
-from optkit.scenarios import Split
-from optkit.training import train
 
 HORIZON, WORKERS = 40, 0.6
 

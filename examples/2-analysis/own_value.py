@@ -7,12 +7,12 @@ costs: that is all that the optimal prices need of it. Two methods are enough; w
 import numpy as np
 
 from optkit import scenario, simulate
-from optkit.beliefs import BelievedValue
-from optkit.metrics import mean_interval
-from optkit.models.experience import Experience
-from optkit.models.request_sets import RequestSets, removal_differences
+from optkit.learning.beliefs import BelievedValue
+from optkit.learning.training import train
+from optkit.models.value.experience import Experience
+from optkit.models.value.request_sets import RequestSets, removal_differences
 from optkit.policies import PostDecisionPricing
-from optkit.training import train
+from optkit.simulation.metrics import mean_interval
 
 
 class ShareOfSurplus:

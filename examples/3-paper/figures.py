@@ -10,10 +10,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from optkit.plots import figure_bytes
-from optkit.studies.claims import claims
-from optkit.studies.figures import study_figures
+from optkit.plotting.files import figure_bytes
+from optkit.studies.claims.verdicts import claims
 from optkit.studies.grids import Study
+from optkit.studies.report.figures import study_figures
 from optkit.studies.runner import load, run_cells
 from optkit.studies.store import CellStore
 from optkit.studies.tables import study_tables

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from optkit.errors import SolverError
+from optkit.basics.errors import SolverError
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     >>> prove(replace(bound, value=0.9 * bound.value), day)
     Traceback (most recent call last):
     ...
-    optkit.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
+    optkit.basics.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
     """
     verdict = bound.certificate.check(subject)
     if verdict.residual > 0:

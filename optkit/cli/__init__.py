@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import typer
 
+from optkit.basics.errors import OptkitError
 from optkit.cli.bound import bound
 from optkit.cli.certify import certify
 from optkit.cli.collect import collect
@@ -19,7 +20,6 @@ from optkit.cli.run import run
 from optkit.cli.study import study
 from optkit.cli.teach import teach
 from optkit.cli.train import train
-from optkit.errors import OptkitError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -34,7 +34,7 @@ app = typer.Typer(
 def root(version: bool = typer.Option(False, "--version", help="Print the version and leave.", is_eager=True)) -> None:
     """Compensations for gig workers under multinomial logit, with certificates and upper bounds."""
     if version:
-        from optkit import __version__
+        from optkit.basics.version import __version__
 
         typer.echo(__version__)
         raise typer.Exit

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optkit import __version__
+from optkit.basics.errors import InputError, InstanceError, SolverError
+from optkit.basics.version import __version__
 from optkit.cli.console import print_table, progress_bar
 from optkit.cli.options import Json, Quiet
 from optkit.cli.output import check_file, write_rows
-from optkit.errors import InputError, InstanceError, SolverError
 
 if TYPE_CHECKING:
-    from optkit.bounds.foresight import Foresight
-    from optkit.charging import Charging
-    from optkit.instance import Instance
-    from optkit.models.request_sets import SetValue
+    from optkit.bounds.penalised.foresight import Foresight
+    from optkit.gap.charging import Charging
+    from optkit.instances.instance import Instance
+    from optkit.models.value.request_sets import SetValue
 
 METHODS: dict[str, tuple[str, ...]] = {
     "full": ("assignment", "lp", "milp"),
@@ -61,11 +61,11 @@ def bound(
 
     An instance whose solver gave up is reported with the reason and without a bound; the exit status is then 1.
     """
-    from optkit.parallel import check_jobs, in_parallel
-    from optkit.plain import to_json
-    from optkit.row_log import RowLog
-    from optkit.splits import PARTS, has_parts
-    from optkit.storage import load_instances, read_description
+    from optkit.basics.parallel import check_jobs, in_parallel
+    from optkit.basics.plain_json import to_json
+    from optkit.basics.row_log import RowLog
+    from optkit.instances.splits import PARTS, has_parts
+    from optkit.instances.storage import load_instances, read_description
 
     jobs = check_jobs(jobs, "--jobs")
     kind = "penalised" if kind == "penalized" else kind
@@ -121,7 +121,8 @@ def _check_options(kind: str, method: str | None, time_limit: float | None) -> N
 
 def _charging(folder: Path, description: dict[str, Any]) -> Charging:
     """What to charge with, from the scenario that a set says it was drawn from."""
-    from optkit.charging import scenario_charging, scenario_of
+    from optkit.gap.charging import scenario_charging
+    from optkit.instances.catalogue import scenario_of
 
     source = scenario_of(description)
     if source is None:
@@ -143,7 +144,7 @@ def _bound_one(
 
     from optkit.bounds import arrival_information, full_information, penalized
     from optkit.bounds.bound import prove
-    from optkit.gap_rows import CHARGE_STREAM
+    from optkit.gap.rows import CHARGE_STREAM
 
     number, instance, foresight = task
     base = {"requests": instance.n_requests, "workers": instance.n_workers, "penalty": float(instance.penalty.sum())}
@@ -165,7 +166,7 @@ def _bound_one(
 
 
 def _print(folder: Path, kind: str, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> None:
-    from optkit.metrics import mean_interval
+    from optkit.simulation.metrics import mean_interval
 
     good = [row for row in rows if row["bound"] is not None]
     shown = [

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, progress_bar
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file, write_rows
-from optkit.cli.own import own_policy
-from optkit.errors import InputError
+from optkit.cli.policy_file import own_policy
 
 if TYPE_CHECKING:
-    from optkit.charging import Charging
-    from optkit.instance import Instance
-    from optkit.scenarios import Scenario, Split
-    from optkit.simulator import Policy
+    from optkit.gap.charging import Charging
+    from optkit.instances.instance import Instance
+    from optkit.instances.scenario import Scenario, Split
+    from optkit.simulation.simulator import Policy
 
 NAMED = ("myopic", "linear", "kernel", "charging")
 
@@ -73,9 +73,9 @@ def certify(
     is checked. The penalised bound needs to know the process: a scenario does, and so does a folder that optkit
     generate wrote; of your own, give --worker-rate. What was assumed is said.
     """
-    from optkit.gap import chosen_kinds, gap_report
-    from optkit.plain import to_json
-    from optkit.plots import figure_bytes
+    from optkit.basics.plain_json import to_json
+    from optkit.gap.report import chosen_kinds, gap_report
+    from optkit.plotting.files import figure_bytes
 
     if out is not None:
         check_file(out, ".csv", ".parquet")
@@ -123,8 +123,9 @@ def _prepare(
     tell: Callable[[str, int, int], object],
 ) -> tuple[Split, list[Instance], Charging | None, list[str]]:
     """Return instances to train on and to measure on, what a penalised bound needs, and what to say of noise."""
-    from optkit.charging import held_out, scenario_charging, scenario_of, worker_charging, worker_settings
-    from optkit.splits import read_split
+    from optkit.gap.charging import scenario_charging, worker_charging
+    from optkit.instances.catalogue import scenario_of, worker_settings
+    from optkit.instances.splits import held_out, read_split
 
     if shares is not None and worker_rate is None:
         raise InputError("--group-share goes with --worker-rate")
@@ -169,7 +170,7 @@ def _shares(text: str | None) -> list[float] | None:
 
 def _check_policies(wanted: list[str]) -> None:
     """Refuse, before any work, a policy that is no name and no file, or comes twice."""
-    from optkit.trained import Trained
+    from optkit.learning.trained import Trained
 
     for name in wanted:
         if name.endswith(".json"):
@@ -194,9 +195,9 @@ def _called(name: str) -> str:
 def _policies(
     wanted: list[str], split: Split, charging: Charging | None, tell: Callable[[str, int, int], object]
 ) -> dict[str, Policy]:
+    from optkit.learning.trained import Trained
+    from optkit.learning.training import train
     from optkit.policies import PostDecisionPricing
-    from optkit.trained import Trained
-    from optkit.training import train
 
     found: dict[str, Policy] = {}
     for number, name in enumerate(wanted):

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from optkit.basics.errors import InputError
 from optkit.cli.console import open_source
 from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
-from optkit.errors import InputError
 
 
 def collect(
@@ -30,9 +30,9 @@ def collect(
 
     A folder is split as optkit run splits it, so that the test instances stay unseen.
     """
-    from optkit.collection import RandomOffers
-    from optkit.collection import collect as log_offers
-    from optkit.splits import read_split
+    from optkit.instances.splits import read_split
+    from optkit.learning.offer_log import collect as log_offers
+    from optkit.policies.explore import RandomOffers
 
     if out.suffix != ".parquet":
         raise InputError(f"--out {out} must end in .parquet")

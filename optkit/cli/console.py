@@ -8,12 +8,12 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optkit.errors import InputError
+from optkit.basics.errors import InputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from optkit.scenarios import Scenario
+    from optkit.instances.scenario import Scenario
 
 
 def _shown(bars: Progress) -> AbstractContextManager[Progress]:
@@ -112,8 +112,8 @@ def open_source(
     InputError
         If it is neither, or an option does not belong to it.
     """
-    from optkit.scenarios import scenario
-    from optkit.world import TABLE_1
+    from optkit.instances.catalogue import scenario
+    from optkit.instances.settings import TABLE_1
 
     more = {name: value for name, value in (("mode", mode), ("fraction", fraction)) if value is not None}
     if source.lower().replace("_", "-") in {name.lower() for name in TABLE_1}:
@@ -129,9 +129,9 @@ def open_source(
 
 def parsed_settings(settings: Sequence[str]) -> dict[str, Any]:
     """Read NAME=NUMBER, or split=TRAIN,TEST,VALIDATION; the scenario checks ranges."""
-    from optkit.world import Settings
+    from optkit.instances.settings import ScenarioSettings
 
-    known = [one.name for one in fields(Settings)]
+    known = [one.name for one in fields(ScenarioSettings)]
     found: dict[str, Any] = {}
     for text in settings:
         name, equals, value = (part.strip() for part in text.partition("="))

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, progress_bar, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file, print_comparison, write_rows
-from optkit.errors import InputError
 
 if TYPE_CHECKING:
-    from optkit.instance import Instance
-    from optkit.scenarios import Scenario
+    from optkit.instances.instance import Instance
+    from optkit.instances.scenario import Scenario
 
 MYOPIC = "Myopic, same MNL"
 """The row that the policy is compared with: the same choice model, and a future that is worth nothing."""
@@ -42,13 +42,13 @@ def evaluate(
     Both meet the same workers on the same instances. An instance whose bound could not be computed is left out and
     named; the exit status is then 1.
     """
-    from optkit.batch import Batch
-    from optkit.comparison import compare
-    from optkit.main_job import proven_bounds
-    from optkit.plain import to_json
+    from optkit.basics.plain_json import to_json
+    from optkit.evaluation.comparison import compare
+    from optkit.evaluation.proven import proven_bounds
+    from optkit.learning.trained import Trained
     from optkit.policies import PostDecisionPricing
-    from optkit.simulator import simulate
-    from optkit.trained import Trained
+    from optkit.simulation.batch import Batch
+    from optkit.simulation.simulator import simulate
 
     if out is not None:
         check_file(out, ".csv", ".parquet")
@@ -90,8 +90,8 @@ def evaluate(
 
 
 def _instances(opened: Scenario | Path, source: str, part: str) -> list[Instance]:
-    from optkit.splits import PARTS, has_parts, read_split
-    from optkit.storage import load_instances
+    from optkit.instances.splits import PARTS, has_parts, read_split
+    from optkit.instances.storage import load_instances
 
     if part not in (*PARTS, "all"):
         raise InputError(f"--part {part} is unknown; there are {', '.join(PARTS)} and all")

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit.basics.errors import InputError, OptkitError
+from optkit.basics.folders import writable_parent
+from optkit.basics.plain_json import to_json
 from optkit.cli.console import print_table
 from optkit.cli.options import Json
-from optkit.errors import InputError, OptkitError
-from optkit.plain import to_json
-from optkit.publish import writable_parent
 
 if TYPE_CHECKING:
-    from optkit.models.preferences import Preferences
+    from optkit.models.preferences.preferences import Preferences
 
 
 def fit(
@@ -37,8 +37,8 @@ def fit(
     from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
     from optkit.models.estimation import EstimationWarning
-    from optkit.models.offers import Offers
-    from optkit.models.preference_fit import fit_preferences
+    from optkit.models.preferences.fit import fit_preferences
+    from optkit.models.preferences.offers import Offers
 
     names = None if features is None else [name.strip() for name in features.split(",")]
     if out is not None and out.suffix == ".json":

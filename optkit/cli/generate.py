@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from optkit.basics.errors import DataError, InputError
 from optkit.cli.console import open_source, progress_bar, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
-from optkit.errors import DataError, InputError
 
 BENCHMARK_ONLY = ("scenarios", "worlds", "check")
 SCENARIO_ONLY = ("seed", "count", "sample_seed", "trips", "mode", "fraction", "settings")
@@ -68,9 +68,9 @@ def generate(
     if benchmark:
         _write(out, scenarios, worlds, overwrite, as_json, quiet)
         return
-    from optkit.splits import PARTS, has_parts
-    from optkit.storage import save_instances
-    from optkit.storage.save import check_replaceable
+    from optkit.instances.splits import PARTS, has_parts
+    from optkit.instances.storage import save_instances
+    from optkit.instances.storage.save import check_replaceable
 
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
@@ -112,7 +112,7 @@ def _given(context: typer.Context, name: str) -> bool:
 def _write(
     out: Path, scenarios: list[str] | None, worlds: list[int] | None, overwrite: bool, as_json: bool, quiet: bool
 ) -> None:
-    from optkit.benchmark_sets import SCENARIOS, VERSION, WORLDS, write_benchmark_sets
+    from optkit.instances.benchmark.sets import SCENARIOS, VERSION, WORLDS, write_benchmark_sets
 
     with progress_bar(quiet or as_json) as progress:
         try:
@@ -129,7 +129,7 @@ def _write(
 
 
 def _check(folder: Path, as_json: bool, quiet: bool) -> None:
-    from optkit.benchmark_sets import VERSION, check_benchmark_sets
+    from optkit.instances.benchmark.sets import VERSION, check_benchmark_sets
 
     with progress_bar(quiet or as_json) as progress:
         found = check_benchmark_sets(folder, progress=progress)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from optkit.basics.errors import InputError, OptkitError
 from optkit.cli.console import print_table
-from optkit.errors import InputError, OptkitError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from optkit.comparison import Comparison
+    from optkit.evaluation.comparison import Comparison
 
 
 def check_file(out: Path, *suffixes: str) -> None:
@@ -26,7 +26,7 @@ def check_file(out: Path, *suffixes: str) -> None:
     InputError
         If the name ends otherwise, or its folder does not exist or may not be written to.
     """
-    from optkit.publish import writable_parent
+    from optkit.basics.folders import writable_parent
 
     if out.suffix not in suffixes or out.is_dir():
         raise InputError(f"--out {out} must be a file that ends in {' or '.join(suffixes)}")

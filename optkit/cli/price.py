@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from optkit.basics.errors import InputError
 from optkit.cli.console import print_table
 from optkit.cli.options import Json
-from optkit.errors import InputError
 
 SHOWN = 200
 """Rows of the table on the terminal."""
@@ -36,9 +36,9 @@ def price(
     value = reward - penalty * expires - opportunity_cost. A column **compensation** is taken as a proposal
     of yours and certified too. A column **request** names the rows.
     """
+    from optkit.basics.plain_json import to_json
+    from optkit.cli.request_table import read_requests
     from optkit.models.pricing import certify, optimal_prices
-    from optkit.plain import to_json
-    from optkit.request_table import read_requests
 
     if form not in FORMS:
         raise InputError(f"--form {form} is unknown; there are {', '.join(FORMS)}")

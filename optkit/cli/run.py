@@ -12,7 +12,7 @@ from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import print_comparison
 
 if TYPE_CHECKING:
-    from optkit.main_job import RunResult
+    from optkit.evaluation.main_job import RunResult
 
 
 def run(
@@ -34,10 +34,10 @@ def run(
     certificate and with a convex solver, and writes a folder: summary.json, table.csv, per_instance.parquet and a box
     plot.
     """
-    from optkit.main_job import run_main_job
-    from optkit.plain import to_json
-    from optkit.results import check_target, write_results
-    from optkit.splits import read_split
+    from optkit.basics.plain_json import to_json
+    from optkit.evaluation.main_job import run_main_job
+    from optkit.evaluation.results_folder import check_target, write_results
+    from optkit.instances.splits import read_split
 
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from optkit.basics.errors import InputError
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Setting, Trips
-from optkit.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,8 +50,8 @@ def study(
     A study is a grid of cells. Each is kept as it ends, so that the same command goes on after an interruption of any
     kind, with the same final tables. A cell that fails is reported, and the others go on; the exit status is then 1.
     """
-    from optkit.parallel import check_jobs
-    from optkit.plain import to_json
+    from optkit.basics.parallel import check_jobs
+    from optkit.basics.plain_json import to_json
     from optkit.studies.grids import STUDIES
 
     if name != "all" and name not in STUDIES:
@@ -150,8 +150,8 @@ def _time(seconds: float) -> str:
 
 def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quiet: bool) -> _Finished:
     from optkit.cli.console import study_bar
-    from optkit.studies.claims import claims
-    from optkit.studies.report import check_report, write_report
+    from optkit.studies.claims.verdicts import claims
+    from optkit.studies.report.report import check_report, write_report
     from optkit.studies.runner import run_cells
     from optkit.studies.store import CellStore
     from optkit.studies.tables import study_tables

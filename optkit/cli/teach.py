@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from optkit.errors import InputError, MissingExtraError, OptkitError
+from optkit.basics.errors import InputError, MissingExtraError, OptkitError
 
 HOST = "127.0.0.1"
 

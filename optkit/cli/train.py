@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, print_table, progress_bar
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file
-from optkit.errors import InputError
 
 if TYPE_CHECKING:
-    from optkit.trained import Trained
+    from optkit.learning.trained import Trained
 
 
 def train(
@@ -60,10 +60,9 @@ def train(
     Trains on training instances and chooses the round and the seed by validation instances; a folder is split as optkit
     run splits it. Test instances stay unseen.
     """
-    from optkit.plain import to_json
-    from optkit.splits import read_split
-    from optkit.training import train as train_policy
-    from optkit.training import training_split
+    from optkit.basics.plain_json import to_json
+    from optkit.instances.splits import read_split, training_split
+    from optkit.learning.training import train as train_policy
 
     _check_out(out)
     _check_checkpoint(checkpoint)
@@ -117,7 +116,7 @@ def train(
 
 def _check_out(out: Path) -> None:
     """Refuse, before training, a file that could not be written or is somebody's own."""
-    from optkit.trained import FORMAT
+    from optkit.learning.trained import FORMAT
 
     check_file(out, ".json")
     if not out.exists():
@@ -131,7 +130,7 @@ def _check_out(out: Path) -> None:
 
 
 def _check_checkpoint(folder: Path | None) -> None:
-    from optkit.publish import writable_parent
+    from optkit.basics.folders import writable_parent
 
     if folder is not None and not (folder.is_dir() or (not folder.exists() and writable_parent(folder))):
         raise InputError(f"--checkpoint {folder} cannot be made, or is no folder: choose another")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.errors import InputError, SolverError
-from optkit.models import closed_form
+from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions, Floats
+from optkit.models.pricing import closed_form
 
 if TYPE_CHECKING:
     import cvxpy as cp

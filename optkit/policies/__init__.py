@@ -1,13 +1,7 @@
-"""Compensation policies. A policy is any callable from a :class:`optkit.state.State` to compensations (b, w)."""
+"""Compensation policies: callables from a :class:`optkit.simulation.state.State` to compensations (b, w)."""
 
 from optkit.policies.formula import Formula
-from optkit.policies.post_decision import (
-    ChoiceModel,
-    PostDecisionPricing,
-    TrueChoice,
-    ValueFunction,
-    ZeroValue,
-)
+from optkit.policies.post_decision import ChoiceModel, PostDecisionPricing, TrueChoice, ValueFunction, ZeroValue
 from optkit.policies.reward_percentage import RewardPercentage
 
 __all__ = [
@@ -19,3 +13,7 @@ __all__ = [
     "ValueFunction",
     "ZeroValue",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.errors import InputError
-from optkit.instance import Floats
-from optkit.policies.numbers import is_finite
-from optkit.state import State
+from optkit.basics.arrays import is_finite
+from optkit.basics.errors import InputError
+from optkit.instances.instance import Floats
+from optkit.simulation.state import State
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Formula:
     Parameters
     ----------
     reward, distance, penalty, expiry_boost : float
-        The weights v1 to v4. :func:`optkit.tuning.tune_formula` finds good ones on the paper's grid.
+        The weights v1 to v4. :func:`optkit.policies.tuning.tune_formula` finds good ones on the paper's grid.
 
     Raises
     ------

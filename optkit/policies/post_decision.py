@@ -7,10 +7,10 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.errors import InputError
-from optkit.instance import Floats
+from optkit.basics.errors import InputError
+from optkit.instances.instance import Floats
 from optkit.models.pricing import optimal_prices
-from optkit.state import State
+from optkit.simulation.state import State
 
 
 @runtime_checkable

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from optkit.errors import InputError
-from optkit.instance import Floats
-from optkit.policies.numbers import is_finite
-from optkit.state import State
+from optkit.basics.arrays import is_finite
+from optkit.basics.errors import InputError
+from optkit.instances.instance import Floats
+from optkit.simulation.state import State
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class RewardPercentage:
     Parameters
     ----------
     share : float
-        At least 0; 0.5 pays half of the reward. :func:`optkit.tuning.tune_reward_percentage` finds a good one.
+        At least 0; 0.5 pays half of the reward. :func:`optkit.policies.tuning.tune_reward_percentage` finds a good one.
 
     Raises
     ------

@@ -12,7 +12,7 @@ SCHEMA = 2
 """Raised when cells come to mean something else, so that results of before are not taken for results of now."""
 
 Kind = Literal["bounds", "utilities", "policy", "estimate", "perturbed", "gap"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+CELL_KINDS: tuple[Kind, ...] = get_args(Kind)
 
 Place = dict[str, Any]
 """Where a cell plays: ``scenario``, ``world`` (seed), ``set`` (changed settings), ``trips`` (digest of the files),
@@ -26,7 +26,7 @@ class Cell:
     Attributes
     ----------
     kind : str
-        What is computed, see :mod:`optkit.studies.work`.
+        What is computed, see :mod:`optkit.studies.run_cell`.
     place : dict
         Scenario and world, see :data:`Place`.
     settings : dict

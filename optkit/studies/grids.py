@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any
 
-from optkit.errors import DataError, InputError
-from optkit.nyc import check_selection
-from optkit.scenarios import adjust
+from optkit.basics.errors import DataError, InputError
+from optkit.instances.new_york.trip_files import find_files
+from optkit.instances.new_york.trip_scenario import check_selection
+from optkit.instances.settings import TABLE_1, adjust
 from optkit.studies.cells import Cell, Place
 from optkit.studies.policies import POLICIES
-from optkit.trip_files import find_files
-from optkit.world import TABLE_1
 
 STUDIES = ("homogeneous", "heterogeneous", "sensitivity", "nyc")
 """Sections 5.1, 5.2, both with fig:sens_syn and fig:sens_syn_2, and 5.3 of the paper."""
@@ -62,7 +61,8 @@ class Study:
     gap : bool
         Whether to certify the gap to optimality, the dearest cell of a scenario.
     mode, fraction : str, float, optional
-        How trips become instances, for ``nyc``, see :func:`optkit.nyc.trip_scenario`. ``mondays`` is the paper's way.
+        How trips become instances, for ``nyc``, see :func:`optkit.instances.new_york.trip_scenario.trip_scenario`.
+        ``mondays`` is the paper's way.
     """
 
     name: str

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from optkit.errors import InputError, OptkitError
-from optkit.parallel import check_jobs
-from optkit.plain import to_json
+from optkit.basics.errors import InputError, OptkitError
+from optkit.basics.parallel import check_jobs
+from optkit.basics.plain_json import to_json
 from optkit.studies.cells import Cell
 from optkit.studies.policies import POLICIES, Spec
+from optkit.studies.run_cell import Result, run_cell
 from optkit.studies.store import CellStore, Stored
-from optkit.studies.work import Result, run_cell
 
 SECONDS: dict[str, float] = {"bounds": 1.2, "utilities": 0.5, "estimate": 0.8, "perturbed": 1.0, "gap": 95.0}
 """What a cell takes on one core by kind, measured on I.1: for the plan, and so that the longest begin first."""
@@ -332,7 +332,7 @@ def _attempt(cell: Cell, trips: tuple[str, ...]) -> tuple[str, Outcome]:
     started = time.perf_counter()
     try:
         if str(POLICIES.get(cell.settings.get("policy", ""), Spec()).value).startswith("attention"):
-            import optkit.models.attention_network  # noqa: F401  # what is loaded later would keep its threads
+            import optkit.models.value.attention.network  # noqa: F401  # what is loaded later would keep its threads
         with threadpool_limits(1):
             result = json.loads(to_json(run_cell(cell, trips)))  # as it will be read again
         return cell.key, Outcome(result, time.perf_counter() - started, None)

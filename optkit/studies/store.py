@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optkit import __version__
-from optkit.errors import OptkitError
+from optkit.basics.errors import OptkitError
+from optkit.basics.version import __version__
 from optkit.studies.cells import SCHEMA, Cell
 
 FORMAT = "optkit cell"

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.instance import Floats
-from optkit.metrics import MeanInterval, mean_interval, performance_ratio
+from optkit.instances.instance import Floats
+from optkit.simulation.metrics import MeanInterval, mean_interval, performance_ratio
 from optkit.studies.cells import Cell
+from optkit.studies.run_cell import Result
 from optkit.studies.runner import StudyRun
-from optkit.studies.work import Result
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,7 +16,8 @@ with app.setup:
     from matplotlib.figure import Figure
 
     from optkit.models.choice import acceptance_probabilities
-    from optkit.plots import COLOURS, figure_bytes
+    from optkit.plotting.boxes import COLOURS
+    from optkit.plotting.files import figure_bytes
 
     UTILITY = np.array([-6.0, -7.5, -5.0])
 

@@ -18,7 +18,8 @@ with app.setup:
     from optkit.models.choice import acceptance_probabilities
     from optkit.models.pricing import optimal_prices
     from optkit.models.pricing_program import PricingProgram
-    from optkit.plots import COLOURS, figure_bytes
+    from optkit.plotting.boxes import COLOURS
+    from optkit.plotting.files import figure_bytes
 
     VALUE = np.array([16.0, 14.0])
     UTILITY = np.array([-8.0, -7.0])

@@ -19,7 +19,8 @@ with app.setup:
     from optkit.models.choice import acceptance_probabilities
     from optkit.models.pricing import certify, optimal_prices
     from optkit.models.pricing_program import PricingProgram
-    from optkit.plots import COLOURS, figure_bytes
+    from optkit.plotting.boxes import COLOURS
+    from optkit.plotting.files import figure_bytes
 
     PROGRAM = PricingProgram(3)
 

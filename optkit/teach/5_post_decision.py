@@ -18,13 +18,14 @@ with app.setup:
     from matplotlib.figure import Figure
 
     from optkit import simulate
-    from optkit.beliefs import BelievedValue
     from optkit.bounds import SmallModel, exact_value
-    from optkit.bounds.exact_table import ExactTable
-    from optkit.bounds.exact_value import solve_exactly
+    from optkit.bounds.exact.exact_value import solve_exactly
+    from optkit.bounds.exact.table import ExactTable
+    from optkit.learning.beliefs import BelievedValue
     from optkit.models.choice import acceptance_probabilities
     from optkit.models.pricing import optimal_prices
-    from optkit.plots import COLOURS, figure_bytes
+    from optkit.plotting.boxes import COLOURS
+    from optkit.plotting.files import figure_bytes
     from optkit.policies import PostDecisionPricing
 
     ARRIVAL = np.array([0.6, 0.4])
@@ -166,8 +167,8 @@ def _():
     mo.md(r"""
     ## The same by optkit
 
-    `optkit.bounds.exact_value` solves small models with an induction of its own, over numbers of identical requests
-    instead of lists, and certifies the result. The two must agree to the last digits.
+    `optkit.bounds.exact.exact_value` solves small models with an induction of its own, over numbers of identical
+    requests instead of lists, and certifies the result. The two must agree to the last digits.
     """)
     return
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from optkit.instance import Instance
+from optkit.instances.instance import Instance
 
 
 def make_random_instance(

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optkit.basics.errors import SolverError
 from optkit.bounds import full_information
 from optkit.bounds.bound import prove
-from optkit.errors import SolverError
 
 
 @pytest.fixture

@@ -8,19 +8,19 @@ import pytest
 
 from optkit import Instance
 from optkit.bounds import full_information
-from optkit.bounds.arrival_dual import arrival_dual
-from optkit.bounds.arrival_exact import arrival_exact
-from optkit.bounds.exact_table import ExactTable
-from optkit.bounds.exact_value import ExactSolution, solve_exactly
-from optkit.bounds.foresight import Foresight, join_requests
-from optkit.bounds.lattice import stages
-from optkit.bounds.lattice_policy import policy_value
-from optkit.bounds.penalized import idle_steps, penalized, penalized_program
-from optkit.bounds.small_model import SmallModel
-from optkit.bounds.subsets import SubsetProgram
+from optkit.bounds.arrival.dual import arrival_dual
+from optkit.bounds.arrival.exact import arrival_exact
+from optkit.bounds.arrival.lattice import stages
+from optkit.bounds.arrival.policy_value import policy_value
+from optkit.bounds.arrival.subsets import SubsetProgram
+from optkit.bounds.exact.exact_value import ExactSolution, solve_exactly
+from optkit.bounds.exact.small_model import SmallModel
+from optkit.bounds.exact.table import ExactTable
+from optkit.bounds.penalised.foresight import Foresight, join_requests
+from optkit.bounds.penalised.penalized import idle_steps, penalized, penalized_program
+from optkit.learning.training import train
 from optkit.models.pricing import optimal_prices
-from optkit.models.request_sets import RequestSets, ZeroSetValue
-from optkit.training import train
+from optkit.models.value.request_sets import RequestSets, ZeroSetValue
 
 
 def random_model(seed: int, horizon: int | None = None, kinds: int | None = None) -> SmallModel:

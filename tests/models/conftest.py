@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from optkit.models.request_sets import Requests, RequestSets
+from optkit.models.value.request_sets import KnownRequests, RequestSets
 
 
 def draw_sets(seed: int, b: int = 3, w: int = 6, groups: int = 1, step: int = 2, ties: bool = True) -> RequestSets:
@@ -23,7 +23,7 @@ def draw_sets(seed: int, b: int = 3, w: int = 6, groups: int = 1, step: int = 2,
     whole = np.zeros(N + 1, dtype=np.int64)
     expiry = whole.copy()
     expiry[:N] = step + rng.integers(1, 13, N)
-    requests = Requests(reward, penalty, whole, expiry, utility, np.zeros((N + 1, 1)), whole, whole)
+    requests = KnownRequests(reward, penalty, whole, expiry, utility, np.zeros((N + 1, 1)), whole, whole)
     member = rng.random((b, w)) < 0.6
     nobody = ~member & (rng.random((b, w)) < 0.5)
     index = np.where(nobody, N, rng.permutation(N).reshape(b, w))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optkit.errors import InputError
+from optkit.basics.errors import InputError
 from optkit.models.choice import acceptance_probabilities
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from optkit.errors import InputError, SolverError
+from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import acceptance_probabilities
 from optkit.models.pricing import certify, optimal_prices
 from optkit.models.pricing_program import PricingProgram

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from optkit.errors import OptkitError
+from optkit.basics.errors import OptkitError
 from optkit.studies import cells
 from optkit.studies.cells import Cell
 from optkit.studies.store import CellStore, Stored

@@ -4,13 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optkit.studies.drawing import ink, new_figure
-from optkit.studies.figures import DRAWINGS, study_figures
+from optkit.instances.new_york.trips import manhattan_zones
+from optkit.plotting.files import new_figure
 from optkit.studies.grids import STUDIES
-from optkit.studies.histograms import edges_of, histogram_rows
-from optkit.studies.maps import CENTROIDS, bubble_grid
+from optkit.studies.report.drawing import ink
+from optkit.studies.report.figures import DRAWINGS, study_figures
+from optkit.studies.report.histograms import edges_of, histogram_rows
+from optkit.studies.report.maps import CENTROIDS, bubble_grid
 from optkit.studies.tables import hopeful, study_tables
-from optkit.trips import manhattan_zones
 
 LABELS = [
     "utility_scen_2", "manhattan_utilities", "perf_syn_I.1", "perf_syn_I.2", "perf_syn_I.3", "sens_syn", "mnl_momnl",

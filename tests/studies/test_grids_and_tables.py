@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 
 from optkit import performance_ratio
-from optkit.errors import DataError, InputError
-from optkit.metrics import mean_interval
+from optkit.basics.errors import DataError, InputError
+from optkit.simulation.metrics import mean_interval
 from optkit.studies import grids
 from optkit.studies.cells import Cell
-from optkit.studies.claims import claims
-from optkit.studies.claims_nyc import _fair, _Operations, _paid
+from optkit.studies.claims.new_york import _fair, _Operations, _paid
+from optkit.studies.claims.verdicts import claims
 from optkit.studies.grids import Study, digest_of
 from optkit.studies.runner import StudyRun, expected_seconds
 from optkit.studies.store import Stored

@@ -12,12 +12,12 @@ import pandas as pd
 import pytest
 
 import optkit
-from optkit.errors import InputError, OptkitError
-from optkit.studies import report as module
-from optkit.studies.drawing import new_figure
-from optkit.studies.report import check_report, figure_files, report_files, write_report
+from optkit.basics.errors import InputError, OptkitError
+from optkit.plotting.files import figure_files, new_figure
+from optkit.studies.report import report as module
+from optkit.studies.report.report import check_report, report_files, write_report
+from optkit.studies.report.texts import CAPTIONS, LATEX, latex, shown
 from optkit.studies.runner import StudyRun
-from optkit.studies.shown import CAPTIONS, LATEX, latex, shown
 from optkit.studies.store import Stored
 from optkit.studies.tables import study_tables
 

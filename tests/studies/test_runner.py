@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from optkit.errors import InputError
+from optkit.basics.errors import InputError
 from optkit.studies import runner
 from optkit.studies.cells import Cell
 from optkit.studies.grids import Study

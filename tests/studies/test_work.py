@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 
 from optkit import simulate
+from optkit.basics.errors import DataError, InputError, TrainingError
+from optkit.basics.plain_json import to_json
 from optkit.bounds import arrival_information, full_information
-from optkit.charging import scenario_charging
-from optkit.errors import DataError, InputError, TrainingError
-from optkit.gap import gap_report
-from optkit.learning import learn_once, learn_preferences
-from optkit.perturbation import perturb, true_preferences
-from optkit.plain import to_json
+from optkit.gap.charging import scenario_charging
+from optkit.gap.report import gap_report
+from optkit.instances.catalogue import scenario
+from optkit.learning.perturbation import perturb, true_preferences
+from optkit.learning.rounds import learn_once, learn_preferences
+from optkit.learning.training import train
 from optkit.policies import PostDecisionPricing
-from optkit.scenarios import scenario
-from optkit.studies import work
+from optkit.policies.tuning import tune_formula
+from optkit.studies import run_cell as work
 from optkit.studies.cells import SCHEMA, Cell
 from optkit.studies.grids import digest_of
 from optkit.studies.policies import POLICIES, Spec
-from optkit.studies.work import run_cell
-from optkit.training import train
-from optkit.tuning import tune_formula
+from optkit.studies.run_cell import run_cell
 
 SETTINGS = {"horizon": 15, "split": (40, 6, 8)}
 PLACE = {"scenario": "II", "world": 1, "set": {"horizon": 15, "split": [40, 6, 8]}}

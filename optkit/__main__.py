@@ -1,0 +1,5 @@
+"""``python -m optkit`` is the command line."""
+
+from optkit.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""What knows nothing of the problem: errors, arrays, seeds, version, processes and files."""

@@ -1,0 +1,69 @@
+"""One function over many things, in one process or several, with the answers as they come."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+from optkit.basics.errors import InputError, SolverError
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+
+def check_jobs(jobs: int, name: str = "n_jobs") -> int:
+    """Return a number of processes, with 0 for one per core; InputError if it is negative or no whole number."""
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 0:
+        raise InputError(f"{name} {jobs} is negative or no whole number; 0 means one process per core")
+    return jobs or os.cpu_count() or 1
+
+
+def in_parallel(
+    function: Callable[[Task], Answer], tasks: Sequence[Task], jobs: int = 1
+) -> Iterator[tuple[int, Answer]]:
+    """Yield the number of each task with its answer, in the order in which they are done.
+
+    Every call runs with one BLAS thread, so that the last digit does not depend on the number of processes.
+
+    Parameters
+    ----------
+    function : callable
+        Of one task; closures and lambdas may go to other processes too.
+    tasks : sequence
+    jobs : int
+        Processes; with 1 all is done in this one.
+
+    Raises
+    ------
+    SolverError
+        If a process was killed.
+
+    Examples
+    --------
+    >>> sorted(in_parallel(abs, [-3, 4]))
+    [(0, 3), (1, 4)]
+    """
+    numbered = list(enumerate(tasks))
+    jobs = min(jobs, len(numbered))
+    if jobs <= 1:
+        for item in numbered:
+            yield _call(function, item)
+        return
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    try:
+        yield from Parallel(n_jobs=jobs, return_as="generator_unordered")(
+            delayed(_call)(function, item) for item in numbered
+        )
+    except TerminatedWorkerError as error:
+        raise SolverError("a worker process was killed, perhaps for want of memory: take fewer processes") from error
+
+
+def _call(function: Callable[[Any], Any], item: tuple[int, Any]) -> tuple[int, Any]:
+    from threadpoolctl import threadpool_limits
+
+    number, task = item
+    with threadpool_limits(1):
+        return number, function(task)

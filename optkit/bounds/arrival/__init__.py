@@ -1,0 +1,1 @@
+"""Bounds of those who know every arrival, but not the workers' noise."""

@@ -1,0 +1,286 @@
+r"""Backward induction over the subsets of open requests, for one who knows all arrivals but no worker's noise.
+
+Who knows when every request and every worker comes needs one thing more to decide: which of the open requests are
+still unserved. With :math:`W_j(S)` what worker j and all later ones add to letting the requests S expire, and
+:math:`F_j(S) = W_{j+1}((S \setminus \text{expired}) \cup \text{arrived})` the same after the decision,
+
+.. math:: W_j(S) = F_j(S) + \varphi_j(v), \qquad v_i = r_i - \beta_i - (F_j(S) - F_j(S \setminus i)), \quad i \in S,
+
+where phi is the optimal profit of one decision (:mod:`optkit.models.pricing.closed_form`): the penalties are a
+constant, and serving a request spares its own. The value is ``sum_i beta_i + W_0``. The subsets are those of
+:mod:`optkit.bounds.arrival.lattice`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import wrightomega
+
+from optkit.basics.errors import InputError
+from optkit.bounds.arrival.lattice import Bools, Stage, reachable
+from optkit.instances.instance import Floats, Instance, Ints
+from optkit.models.choice import softmax_with_outside
+from optkit.models.decision import Decisions
+from optkit.models.pricing import closed_form
+
+Charge = Callable[[int, Ints], Floats]
+"""``charge(step, requests)``: what knowing the next step's arrivals is charged with, (2^k,) money.
+
+It is called once for each step after which k > 0 requests wait, from the last step to the first; entry S is for the
+subset S of ``requests`` (k,) that waits, bit p of S standing for ``requests[p]``.
+"""
+
+CHUNK = 1 << 10
+"""States priced at once where their alternatives are laid out one by one: the arrays stay in the cache."""
+
+NEVER_HELD = 1e300
+"""Value, in money, of a request whose price may have either sign: no markup lies above it."""
+
+EPS = float(np.finfo(float).eps)
+LOG_EPS = float(np.log(EPS))
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeOffers:
+    """Some states of a stage, with every alternative laid out in a column of its own.
+
+    Attributes
+    ----------
+    decisions : Decisions
+        The pricing problems, one a row.
+    value : (S, k + c) float
+        v_i, in money, also of requests whose price may have either sign.
+    offered : (S, k + c) bool
+        Which requests the state holds.
+    stay, leave : (S,) and (S, k + c) int
+        Where the next stage's table has the state after nobody, or the request of the column, is served.
+    """
+
+    decisions: Decisions
+    value: Floats
+    offered: Bools
+    stay: Ints
+    leave: Ints
+
+    def prices(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+        """Best prices if the profit were mu * ratio (S, 1): compensation, acceptance (S, k + c), rejection (S, 1)."""
+        d = self.decisions
+        held = d.value < d.mu * (1.0 + ratio)
+        compensation = np.where(held, 0.0, self.value - d.mu * (1.0 + ratio))
+        odds = np.where(held, d.logit, d.advantage - 1.0 - ratio)
+        return compensation, *softmax_with_outside(np.where(self.offered, odds, -np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class SubsetProgram:
+    """The backward induction, and the check of what it found.
+
+    Attributes
+    ----------
+    instance : Instance
+        Requests, workers and preferences.
+    stages : list of Stage
+        From :func:`stages`.
+    multipliers : (n,) float
+        l_i, in money: what serving the request costs on top; it is paid back at the start. 0 where it is tracked.
+    signed : (n,) bool
+        Whose compensation must be at least 0.
+    """
+
+    instance: Instance
+    stages: list[Stage]
+    multipliers: Floats
+    signed: Bools
+
+    @cached_property
+    def worth(self) -> Floats:
+        """What serving a request once is worth before paying for it, r - beta - l, (n,), money."""
+        return np.asarray(self.instance.reward - self.instance.penalty - self.multipliers)
+
+    @cached_property
+    def constant(self) -> float:
+        """What is earned if nothing is ever served, sum of beta + l, money."""
+        return float((self.instance.penalty + self.multipliers).sum())
+
+    def tables(self, charge: Charge | None = None) -> list[Floats]:
+        """Solve: W of every stage, (2^k,) each, in money on top of :attr:`constant`.
+
+        Parameters
+        ----------
+        charge : callable, optional
+            See :data:`Charge`; the stages must then be every step.
+
+        Raises
+        ------
+        InputError
+            If a charge has another shape than (2^k,), or an entry that is not finite.
+        """
+        later, found = np.zeros(1), []
+        for stage in reversed(self.stages):
+            found.append(self._before(stage, later))
+            later = found[-1] - _charge_before(stage, charge)
+        return found[::-1]
+
+    def _before(self, stage: Stage, later: Floats) -> Floats:
+        """W of a stage from F's table, both in money."""
+        kept = later.take(stage.after)
+        if stage.worker < 0:
+            return kept
+        mu, logit = self._preferences(stage)
+        value = self.worth[stage.requests] / mu
+        scaled = kept / mu
+        total = np.zeros(stage.states)
+        with np.errstate(over="ignore", divide="ignore"):
+            for i, shape, loss in _losses(stage, scaled, later, mu, range(value.size)):
+                total.reshape(shape)[:, -1] += np.exp(value[i] + logit[i] - loss)
+            ratio = wrightomega(np.log(total) - 1.0)
+        hard = np.isinf(total)
+        ratio[hard] = 0.0
+        # A request held at 0 takes w (e^(x-1) - x) off the dual's left-hand side, where x = (v - R)/mu < 1: requests
+        # for which that is below the rounding of R need no look.
+        reach = 1.0 + np.abs(value) + scaled.max() - scaled.min() + ratio.max()
+        signed = np.flatnonzero(self.signed[stage.requests] & (logit + np.log(reach) > LOG_EPS))
+        if signed.size:
+            short, weight = np.zeros(stage.states), np.exp(np.minimum(logit, 600.0))
+            for i, shape, loss in _losses(stage, scaled, later, mu, signed.tolist()):
+                x = np.minimum(value[i] - loss - ratio.reshape(shape)[:, -1], 1.0)
+                short.reshape(shape)[:, -1] += weight[i] * (np.exp(x - 1.0) - x)
+            # One Newton step with the slope of the free form: it errs by less than step * (step + sum of w).
+            step = short / (1.0 + ratio)
+            hard |= ~(step * (step + weight[signed].sum()) <= EPS)
+            ratio -= step
+        for rows in _chunks(np.flatnonzero(hard)):
+            ratio[rows] = closed_form.nonnegative(self.offers(stage, later, rows).decisions).ratio[:, 0]
+        return np.asarray(kept + mu * ratio)
+
+    def _preferences(self, stage: Stage) -> tuple[float, Floats]:
+        """Scale mu of the worker, in money, and log-odds of the stage's requests at compensation 0, (k + c,)."""
+        group = self.instance.worker_group[stage.worker]
+        mu = float(self.instance.mu[group])
+        return mu, (self.instance.utility[group, stage.requests] - self.instance.outside_by_group[group]) / mu
+
+    def offers(self, stage: Stage, later: Floats, rows: Ints) -> LatticeOffers:
+        """Lay out the decisions in some subsets of a stage with a worker, from the table of F."""
+        mu, logit = self._preferences(stage)
+        has = np.ones((rows.size, stage.requests.size), bool)
+        has[:, : stage.uncertain] = rows[:, None] >> np.arange(stage.uncertain) & 1
+        stay = stage.after[rows]
+        leave = stay[:, None] - stage.kept * has
+        value = self.worth[stage.requests] - (later[stay][:, None] - later[leave])
+        logit = np.broadcast_to(logit, value.shape)
+        advantage = np.where(has, value / mu + logit, -np.inf)
+        bounded = np.where(self.signed[stage.requests], value, NEVER_HELD)
+        d = Decisions((rows.size,), bounded, logit, np.full((rows.size, 1), mu), has, advantage)
+        return LatticeOffers(d, value, has, stay, leave)
+
+    def check(self, tables: list[Floats], charge: Charge | None = None) -> tuple[float, float]:
+        """Prove a bound from tables, wherever they come from, and evaluate the policy that they imply.
+
+        A table bounds a stage if ``R = W - F`` bounds each state's profit, for which the dual constraint of one
+        decision is enough (:func:`optkit.models.pricing.closed_form.dual_slack`). What a table is short of is added to
+        all its states and those of earlier stages alike, where it changes nothing.
+
+        Parameters
+        ----------
+        tables : list of (2^k,) float
+            One per stage, in money.
+        charge : callable, optional
+            As for :meth:`tables`.
+
+        Returns
+        -------
+        bound, attained : float
+            Money; NaN or infinite if the tables are so far off that floating point ends.
+
+        Raises
+        ------
+        InputError
+            If a table has the wrong shape or an entry that is not finite.
+        """
+        if len(tables) != len(self.stages):
+            raise InputError(f"{len(tables)} tables for {len(self.stages)} stages: give one per stage")
+        later, earned, raised = np.zeros(1), np.zeros(1), 0.0
+        states = reachable(self.stages)
+        for stage, table, rows in zip(reversed(self.stages), reversed(tables), reversed(states), strict=True):
+            if table.shape != (stage.states,) or not np.isfinite(table).all():
+                raise InputError(
+                    f"the table of step {stage.step} has shape {table.shape}; it needs {stage.states} finite numbers"
+                )
+            stay = stage.after[rows]
+            after, short = earned[stay], later[stay] - table[rows]
+            if stage.worker >= 0:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    profits = [self._check_rows(stage, table, later, earned, part) for part in _chunks(rows)]
+                short, profit = (np.concatenate(x) for x in zip(*profits, strict=True))
+                after = after + profit
+            raised += float(np.maximum(0.0, short.max()))  # unlike max, it lets a NaN through
+            earned = np.zeros(stage.states)
+            earned[rows] = after
+            z = _charge_before(stage, charge)
+            later, earned = table - z, earned - z
+        start = tables[0][0] if tables else 0.0
+        return self.constant + float(start) + raised, self.constant + float(earned[0])
+
+    def _check_rows(
+        self, stage: Stage, table: Floats, later: Floats, earned: Floats, rows: Ints
+    ) -> tuple[Floats, Floats]:
+        """Return what W falls short of proving the optimal profit, and the profit of its policy, (S,) each, money."""
+        offers = self.offers(stage, later, rows)
+        d = offers.decisions
+        ratio = (table[rows, None] - later[offers.stay, None]) / d.mu
+        size = np.abs(offers.value).max() / d.mu + np.abs(d.logit).max() + np.abs(ratio) + 1.0
+        rise = 16 * EPS * size
+        short = np.flatnonzero(~(closed_form.dual_slack(d, ratio + rise, nonnegative=True)[:, 0] >= 0))
+        rise[short] = _sufficient_rise(d.rows(short), ratio[short], rise[short])
+        compensation, acceptance, _ = offers.prices(ratio)
+        margin = self.worth[stage.requests] - compensation - (earned[offers.stay, None] - earned[offers.leave])
+        profit = np.where(offers.offered, acceptance * margin, 0.0).sum(axis=1)
+        return (d.mu * rise)[:, 0], profit
+
+
+def _sufficient_rise(d: Decisions, ratio: Floats, rise: Floats) -> Floats:
+    """Double ``rise`` where it must be until the profits are feasible in the dual; all (S, 1), in units of mu."""
+    while True:
+        short = ~(closed_form.dual_slack(d, ratio + rise, nonnegative=True) >= 0) & np.isfinite(rise)
+        if not short.any():
+            return rise
+        rise = np.where(short, 2.0 * rise, rise)
+
+
+def _charge_before(stage: Stage, charge: Charge | None) -> Floats | float:
+    """Charge for what the stage reveals, levied after the step before it: one entry per subset, in money."""
+    if charge is None or not stage.uncertain:
+        return 0.0
+    z = np.asarray(charge(stage.step - 1, stage.requests[: stage.uncertain]), float)
+    if z.shape != (stage.states,) or not np.isfinite(z).all():
+        raise InputError(
+            f"the charge of step {stage.step - 1} has shape {z.shape}; its {stage.uncertain} requests need one finite "
+            f"number per subset, ({stage.states},)"
+        )
+    return z
+
+
+def _chunks(rows: Ints) -> Iterator[Ints]:
+    for begin in range(0, rows.size, CHUNK):
+        yield rows[begin : begin + CHUNK]
+
+
+def _losses(
+    stage: Stage, scaled: Floats, later: Floats, mu: float, columns: Iterable[int]
+) -> Iterator[tuple[int, tuple[int, int, int], Floats | float]]:
+    """Yield, per request, its column, the shape under which ``[:, -1]`` are the states that hold it, and its loss.
+
+    The loss is ``(F(S) - F(S without it)) / mu``, the opportunity cost in units of the noise.
+    """
+    for i in columns:
+        bit = stage.kept[i]
+        if i < stage.uncertain:
+            shape = (-1, 2, 1 << i)
+            halves = scaled.reshape(shape)
+            yield i, shape, halves[:, 1] - halves[:, 0] if bit else 0.0
+        else:
+            yield i, (1, 1, stage.states), scaled - later.take(stage.after - bit) / mu if bit else 0.0

@@ -1,0 +1,1 @@
+"""Small models solved exactly, over all their states."""

@@ -1,0 +1,1 @@
+"""Bounds from expected numbers of arrivals alone."""

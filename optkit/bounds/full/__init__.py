@@ -1,0 +1,1 @@
+"""The bound of who knows everything: a matching of workers and requests."""

@@ -1,0 +1,1 @@
+"""Bounds whose foresight is charged for by penalties of mean zero."""

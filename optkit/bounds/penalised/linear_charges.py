@@ -1,0 +1,158 @@
+r"""Charges for foresight that are linear in which requests are still open.
+
+After step t a request i that is still open is charged
+
+.. math:: q_i(t+1) = \theta \cdot \psi(\text{surplus}_i, \text{steps left}_i) \,
+          (\xi_{t+1} - E[\xi_{t+1} \mid \text{past}])
+
+with xi whether a worker comes next and how many requests arrive, and psi products of hat functions (design section 4,
+"Penalised bound"). Its mean is zero whatever one does without foresight, for any theta. Serving the request at step s
+spares :math:`Q_i(s)`, the sum of q_i(t+1) over s <= t < expiry_i, so that a program which values each service on its
+own keeps its form: pairs are worth Q more, and ``sum_i Q_i(arrival_i)`` is subtracted, see
+:mod:`optkit.bounds.penalised.penalized_dual`. A request's surplus, where a worker comes, is that to the worker's own
+group.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.errors import InputError
+from optkit.bounds.penalised.foresight import Foresight
+from optkit.instances.instance import Floats, Instance, Ints
+from optkit.models.value.ranked_term import hats, knots
+
+
+class ChargeBasis(NamedTuple):
+    """What one instance is charged per unit of each of the K coefficients.
+
+    Attributes
+    ----------
+    pairs : (p, K) float
+        What each compatible pair of a worker and a request spares, in the order of :meth:`optkit.Instance.pairs`.
+    total : (K,) float
+        What is paid if nothing is served. Its mean over instances is zero: a control variate.
+    magnitude : (K,) float
+        The same with every term positive, for the rounding.
+    """
+
+    pairs: Floats
+    total: Floats
+    magnitude: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LinearCharges:
+    """Charges linear in openness, for any instance of one distribution.
+
+    Parameters
+    ----------
+    theta : (1 or 2, a, b) float
+        Coefficients in money: of a worker's presence and, if ``request_rate`` is known, of each new request.
+    surplus_knots : (a,) float, increasing
+        Knots in ``r - beta + u - u_0``, money.
+    time_knots : (b,) float, increasing
+        Knots in steps left after the one that has been decided.
+    foresight : Foresight
+        How workers come; its pool of arrivals plays no part.
+    request_rate : float, optional
+        Mean number of requests that arrive in a step, independently of the past. Unless it is given, only workers are
+        charged for.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, a coefficient is not finite, or the rate is no number of at least 0.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> from optkit.bounds.penalised.foresight import fifo_presence
+    >>> workers = Foresight(fifo_presence(0.5), [1.0])
+    >>> charges = LinearCharges(np.ones((2, 2, 2)), [50.0, 90.0], [1.0, 9.0], workers, 0.5)
+    >>> day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    >>> spared, paid = charges.shifts(day)
+    >>> spared.shape == day.pairs()[0].shape
+    True
+    """
+
+    theta: Floats
+    surplus_knots: Floats
+    time_knots: Floats
+    foresight: Foresight
+    request_rate: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("surplus_knots", "time_knots"):
+            object.__setattr__(self, name, knots(name, getattr(self, name)))
+        rate = self.request_rate
+        if rate is not None and not 0 <= rate < np.inf:
+            raise InputError(f"request_rate = {rate!r} is no mean number of requests: give a finite number >= 0")
+        theta = np.array(self.theta, dtype=float)
+        shape = (1 if rate is None else 2, self.surplus_knots.size, self.time_knots.size)
+        if theta.shape != shape or not np.isfinite(theta).all():
+            raise InputError(f"theta has shape {theta.shape}: give finite coefficients of shape {shape}")
+        object.__setattr__(self, "theta", theta)
+
+    def basis(self, instance: Instance) -> ChargeBasis:
+        """Charges per unit of each coefficient, in the order of ``theta.ravel()``; the noise is not looked at.
+
+        Raises
+        ------
+        InputError
+            If the instance has other groups than the foresight.
+        """
+        terms, start, length = self._terms(instance)
+        so_far = np.concatenate([np.zeros((1, terms.shape[1])), np.cumsum(terms, axis=0)])
+        worker, request = instance.pairs()
+        at = start[request] + instance.worker_step[worker] - instance.arrival[request]
+        pairs = so_far[(start + length)[request]] - so_far[at]
+        return ChargeBasis(pairs, terms.sum(axis=0), np.abs(terms).sum(axis=0))
+
+    def shifts(self, instance: Instance) -> tuple[Floats, float]:
+        """What each compatible pair spares, (p,), and what is paid if nothing is served, money."""
+        basis = self.basis(instance)
+        theta = self.theta.ravel()
+        return basis.pairs @ theta, float(basis.total @ theta)
+
+    def along(self, instance: Instance, last: npt.ArrayLike) -> Floats:
+        """Charge of M runs, (M,), money.
+
+        Parameters
+        ----------
+        instance : Instance
+            Whose runs they are.
+        last : (M, n) int
+            Last step after which each request was still open; below its arrival if it never was.
+        """
+        terms, start, _ = self._terms(instance)
+        so_far = np.concatenate([[0.0], np.cumsum(terms @ self.theta.ravel())])
+        waited = np.maximum(np.asarray(last) - instance.arrival + 1, 0)
+        return np.asarray((so_far[start + waited] - so_far[start]).sum(axis=1))
+
+    def _terms(self, instance: Instance) -> tuple[Floats, Ints, Ints]:
+        """Charges per unit for each request and each step it may wait after, and where each request's begin.
+
+        Shapes are (m, K), (n,) and (n,): the last is the number of such steps.
+        """
+        seen = self.foresight.of_workers(instance)
+        length = instance.expiry - instance.arrival
+        start = np.cumsum(length) - length
+        i = np.repeat(np.arange(instance.n_requests), length)
+        step = instance.arrival[i] + np.arange(i.size) - start[i]
+        now = step + 1
+        surplus = (instance.reward - instance.penalty + instance.utility - instance.outside_by_group[:, None]).T
+        by_group = hats(surplus, self.surplus_knots)  # (n, D, a)
+        expected = np.einsum("nda,d->na", by_group, self.foresight.share)
+        came = np.where((seen.group[now] >= 0)[:, None], by_group[i, seen.group[now]], 0.0)
+        surprise = [came - seen.presence[now, None] * expected[i]]
+        if self.request_rate is not None:
+            arrived = np.bincount(instance.arrival, minlength=instance.horizon)
+            surprise.append(expected[i] * (arrived[now] - self.request_rate)[:, None])
+        left = hats((instance.expiry[i] - step).astype(float), self.time_knots)
+        terms = np.stack(surprise, axis=1)[..., None] * left[:, None, None, :]
+        return terms.reshape(i.size, self.theta.size), start, length

@@ -1,0 +1,229 @@
+"""What a penalised bound charges with: the distribution of what is to come, and a value function, from other instances.
+
+Charges have mean zero for everybody who does not foresee, if the distribution is that of the instances and if neither
+it nor the value function was made from the instances that are bounded. So all that is drawn here is drawn apart from
+the scenario's splits and samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.errors import InputError
+from optkit.bounds.penalised.foresight import LONGEST, Foresight, fifo_presence
+from optkit.instances.instance import Instance
+from optkit.instances.new_york.trip_scenario import TripScenario
+from optkit.instances.queue import busy_steps
+from optkit.instances.scenario import Scenario
+from optkit.learning.training import train
+from optkit.models.value import LinearValue
+from optkit.models.value.experience import Estimator
+from optkit.models.value.request_sets import SetValue
+from optkit.simulation.batch import Batch
+from optkit.simulation.simulator import Policy
+
+TRAINING, MOST = 75_000, 5_000
+"""Requests that the value function is trained on, in at most so many instances: on I.2, where an instance has 15 of
+them, 5,000 instances leave three quarters of the gap that 1,500 leave, and 12,000 gain little more."""
+
+POOL = 7_200
+"""Instances from which arrivals are drawn that might have come instead: enough of their own for each of 120."""
+
+POOL_STREAM = 2
+"""Spawn key of the world's seed; :data:`optkit.instances.scenario.FURTHER_STREAMS` tells of the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Charging:
+    """A value function, a distribution, and what was taken for granted.
+
+    Attributes
+    ----------
+    value : SetValue
+        V of :mod:`optkit.bounds.penalised.charges`.
+    foresight : Foresight
+        What nobody knows of the next step.
+    policy : callable
+        The policy that prices by V: a good one.
+    assumptions : tuple of str
+        What the bound rests on, in words.
+    """
+
+    value: SetValue
+    foresight: Foresight
+    policy: Policy
+    assumptions: tuple[str, ...]
+
+
+def charging_value(groups: int = 1) -> LinearValue:
+    """Return the estimator that charged best of those tried: knots for every low rank, and in the busy stretch.
+
+    Parameters
+    ----------
+    groups : int
+        Number of worker groups; with several there is a term for each.
+
+    Returns
+    -------
+    LinearValue
+        Not fitted yet.
+
+    Examples
+    --------
+    >>> charging_value().busy_knots, charging_value(groups=3).by_group
+    ((0.0, 1.0, 3.0, 8.0), True)
+    """
+    rank, busy = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0), (0.0, 1.0, 3.0, 8.0)
+    several = groups > 1
+    return LinearValue(rank_knots=rank, busy_knots=busy, by_group=several, ridge=10.0 if several else 1.0)
+
+
+def scenario_charging(
+    source: Scenario,
+    *,
+    training: int | None = None,
+    pool: int = POOL,
+    draws: int = 8,
+    estimator: Estimator | None = None,
+) -> Charging:
+    """Charge for foresight in a scenario: its process is known, and further instances can be drawn.
+
+    In the scenarios with trips the requests of one instance depend on each other, because weeks differ, and nobody
+    knows how. There only workers are charged for, and the value function is trained on the split's training half-hours.
+
+    Parameters
+    ----------
+    source : Scenario
+        From :func:`optkit.scenario`.
+    training, pool : int
+        Numbers of instances to draw: for the value function, by default by :data:`TRAINING`, and for arrivals.
+    draws : int
+        Arrival sets per step, see :class:`~optkit.bounds.penalised.foresight.Foresight`.
+    estimator : Estimator, optional
+        Another value function to be fitted; :func:`charging_value` by default.
+
+    Returns
+    -------
+    Charging
+        For arrivals and workers alike; in a scenario with trips for workers only.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    TrainingError
+        If training diverges.
+
+    Examples
+    --------
+    >>> charging = scenario_charging(scenario("I.2", seed=0), training=60, pool=30)
+    >>> len(charging.foresight.arrivals), round(charging.foresight.nothing, 3)
+    (30, 0.741)
+    """
+    rate, groups = source.settings.worker_rate, source.settings.groups
+    one = charging_value(groups) if estimator is None else estimator
+    workers = f"workers join the queue at {rate:g} a step (Poisson), of {groups} equally likely group(s)"
+    share, presence = np.full(groups, 1.0 / groups), fifo_presence(rate, max(LONGEST, source.settings.horizon))
+    if training is None:
+        training = min(MOST, round(TRAINING / max(1.0, source.settings.request_rate * source.settings.horizon)))
+    fitted = train(source.further("train", training), one, choice="true")
+    if isinstance(source, TripScenario):
+        foresight, own = Foresight(presence, share), len(source.episodes_of("train"))
+        told = f"value function: trained on {training} realisations of the split's {own} training half-hours"
+        return Charging(
+            fitted.value, foresight, fitted.policy, (workers, "requests: nothing is assumed, nor charged for", told)
+        )
+    stream = np.random.SeedSequence(source.seed, spawn_key=(POOL_STREAM,))
+    others = tuple(_bare(day) for day in source.sample(pool, stream))
+    nothing = float(np.exp(-source.settings.request_rate))
+    foresight = Foresight(presence, share, others, nothing, draws=draws)
+    requests = f"requests arrive at {source.settings.request_rate:g} a step (Poisson), as in {pool} other instances"
+    told = f"value function: trained on {training} other instances"
+    return Charging(fitted.value, foresight, fitted.policy, (workers, requests, told))
+
+
+def worker_charging(
+    instances: Sequence[Instance],
+    rate: float,
+    share: npt.ArrayLike | None = None,
+    *,
+    estimator: Estimator | None = None,
+) -> Charging:
+    """Charge for foresight of workers only, whose process is taken to be known.
+
+    Parameters
+    ----------
+    instances : sequence of Instance
+        To train the value function on; none of those to be bounded.
+    rate : float
+        Mean number of workers who join the queue in a step (Poisson); one is seen a step, and leaves.
+    share : (D,) float, optional
+        Probability of each group; needed if there are several.
+    estimator : Estimator, optional
+        As in :func:`scenario_charging`.
+
+    Returns
+    -------
+    Charging
+        With the assumption on the workers in words.
+
+    Raises
+    ------
+    InputError
+        If there are several groups and no shares, or a number is out of range.
+
+    Examples
+    --------
+    >>> charging = worker_charging(scenario("I.2", seed=0).sample(60, seed=1), rate=0.5)
+    >>> charging.assumptions[1]
+    'requests: nothing is assumed, nor charged for'
+    """
+    batch = Batch.of(instances)
+    presence, groups = fifo_presence(rate, max(LONGEST, batch.horizon)), batch.groups
+    if share is None and groups > 1:
+        raise InputError(f"there are {groups} groups of workers: their shares must be given, for example 0.3,0.7")
+    shares = np.ones(1) if share is None else np.asarray(share, dtype=float)
+    if shares.shape != (groups,):
+        raise InputError(f"{shares.size} shares for {groups} groups of workers: give one for each")
+    foresight = Foresight(presence, shares)
+    fitted = train(instances, charging_value(groups) if estimator is None else estimator, choice="true")
+    of_groups = "" if groups == 1 else f", of groups with shares {', '.join(f'{s:g}' for s in shares)}"
+    told = (
+        f"workers are assumed to join a queue at {rate:g} a step (Poisson){of_groups}; else no penalised bound holds",
+        "requests: nothing is assumed, nor charged for",
+        f"value function: trained on {len(instances)} other instances",
+    )
+    return Charging(fitted.value, foresight, fitted.policy, told)
+
+
+def presence_score(instances: Sequence[Instance], foresight: Foresight) -> float:
+    """How many standard deviations more workers were seen than the distribution foretells, from step to step.
+
+    A number beyond about 4 either way says that it is not the distribution of these instances.
+
+    Examples
+    --------
+    >>> days = scenario("I.2", seed=0).sample(50, seed=1)
+    >>> abs(presence_score(days, Foresight(fifo_presence(0.5), np.ones(1)))) < 4
+    True
+    >>> presence_score(days, Foresight(fifo_presence(0.8), np.ones(1))) < -4
+    True
+    """
+    more = spread = 0.0
+    for one in instances:
+        seen = np.zeros(one.horizon, bool)
+        seen[one.worker_step] = True
+        stretch = np.concatenate([[0], busy_steps(seen[:, None])[:-1, 0]])
+        p = foresight.presence[np.minimum(stretch, foresight.presence.size - 1)]
+        more, spread = more + float((seen - p).sum()), spread + float((p * (1.0 - p)).sum())
+    if spread == 0.0:
+        return 0.0 if more == 0.0 else float(np.copysign(np.inf, more))
+    return more / float(np.sqrt(spread))
+
+
+def _bare(instance: Instance) -> Instance:
+    return replace(instance, noise=None, outside_noise=None)

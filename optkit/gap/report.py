@@ -1,0 +1,375 @@
+"""The gap report: how far policies are from optimal, with proof; its arithmetic is in :mod:`optkit.gap.tables`."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optkit.basics.errors import InputError, SolverError
+from optkit.basics.parallel import check_jobs, in_parallel
+from optkit.basics.plain_json import to_json
+from optkit.basics.row_log import RowLog
+from optkit.basics.seeds import check_seed
+from optkit.basics.version import __version__
+from optkit.bounds.arrival.exact import check_limit
+from optkit.bounds.penalised.foresight import Foresight
+from optkit.bounds.penalised.penalized import LIMIT
+from optkit.gap.charging import presence_score, scenario_charging
+from optkit.gap.rows import BOUND_KINDS, OWN_STREAM, GapTask, Kind, gap_row
+from optkit.gap.tables import gap_tables
+from optkit.instances.digest import exact_digest
+from optkit.instances.instance import Instance
+from optkit.instances.scenario import Scenario
+from optkit.instances.splits import held_out
+from optkit.learning.beliefs import BelievedValue
+from optkit.models.value.request_sets import SetValue
+from optkit.policies import PostDecisionPricing
+from optkit.simulation.batch import Batch
+from optkit.simulation.simulator import Policy, simulate
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+REDRAWS = 256
+"""Draws of the noise where a policy must be simulated: their error is then small beside that of the instances."""
+
+
+@dataclass(frozen=True)
+class GapReport:
+    """How far policies are from optimal.
+
+    Attributes
+    ----------
+    bounds : DataFrame
+        One row per bound, loosest first: ``kind``; its mean in ``money`` an instance and ``money_half_width``, without
+        the luck of these arrivals as far as the best policy's charges tell it; ``points`` of full information on these
+        instances (100 is the full-information bound, 0 what is earned if all requests expire) and ``half_width``; mean
+        ``seconds`` an instance; the largest ``certificate_gap`` and ``residual`` of all certificates (money);
+        ``methods``.
+    policies : DataFrame
+        One row per policy, the same four figures; ``charge`` and ``charge_half_width``, whose mean must be zero within
+        its error; on how many instances it is ``exact``.
+    gaps : DataFrame
+        One row per policy and bound: ``money``, ``points``, each with ``_low`` and ``_high``, and ``claim`` (points)
+        with ``claim_money``: with the report's confidence, the policy is at most so far from optimal (one-sided);
+        ``smallest``, the gap on the worst path where both are exact.
+    rows : DataFrame
+        One row per instance.
+    assumptions : tuple of str
+        What the numbers rest on.
+    failures : dict
+        By instance, why a bound could not be proven; these are left out.
+    confidence : float
+        Of all intervals and claims.
+    """
+
+    bounds: pd.DataFrame
+    policies: pd.DataFrame
+    gaps: pd.DataFrame
+    rows: pd.DataFrame
+    assumptions: tuple[str, ...]
+    failures: dict[int, str]
+    confidence: float
+
+    @property
+    def best_bound(self) -> str:
+        """Kind of the bound with the lowest mean."""
+        return str(self.bounds["kind"].iloc[int(self.bounds["money"].to_numpy().argmin())])
+
+    @property
+    def best_policy(self) -> str:
+        """Name of the policy with the highest mean."""
+        return str(self.policies["policy"].iloc[int(self.policies["money"].to_numpy().argmax())])
+
+    def gap(self, policy: str | None = None, bound: str | None = None) -> dict[str, Any]:
+        """One row of :attr:`gaps`, the best policy's to the best bound unless told otherwise.
+
+        Raises
+        ------
+        InputError
+            If there is no such policy or bound.
+        """
+        policy, bound = policy or self.best_policy, bound or self.best_bound
+        found = self.gaps[(self.gaps["policy"] == policy) & (self.gaps["bound"] == bound)]
+        if found.empty:
+            raise InputError(f"no gap of policy {policy!r} to bound {bound!r} in this report")
+        return {str(name): entry for name, entry in found.iloc[0].to_dict().items()}
+
+    def claim(self, policy: str | None = None) -> str:
+        """Say in a sentence how far a policy is from optimal, the best by default."""
+        row = self.gap(policy)
+        if len(self.rows) < 2:
+            return f"{row['policy']}: one instance allows no claim"
+        return (
+            f"with {100 * self.confidence:g} % confidence, {row['policy']} is at most {row['claim']:.2f} points "
+            f"({row['claim_money']:.2f} money an instance) from optimal"
+        )
+
+    def summary(self) -> str:
+        """Return the report as text."""
+        wide = max(len(str(name)) for name in (*self.bounds["kind"], *self.policies["policy"], "policy"))
+        lines = [f"{'':{wide}s}   points of full information      money an instance"]
+        for frame, name in ((self.bounds, "kind"), (self.policies, "policy")):
+            for _, row in frame.iterrows():
+                points = f"{row['points']:8.2f} ± {row['half_width']:.2f}"
+                lines.append(
+                    f"{row[name]:{wide}s}   {points:26s}   {row['money']:9.2f} ± {row['money_half_width']:.2f}"
+                )
+        lines.append("")
+        for _, row in self.gaps[self.gaps["bound"] == self.best_bound].iterrows():
+            interval = f"[{row['points_low']:.2f}, {row['points_high']:.2f}]"
+            lines.append(f"gap of {row['policy']} to {row['bound']}: {row['points']:.2f} points {interval}")
+            lines.append(f"  {self.claim(row['policy'])}")
+        worst = self.bounds["certificate_gap"].max(), self.bounds["residual"].max()
+        lines.append(f"certificates: all checked, largest gap {worst[0]:.1e}, largest residual {worst[1]:.1e} (money)")
+        lines += [f"assumed: {told}" for told in self.assumptions]
+        lines += [f"instance {i} is left out: {why}" for i, why in self.failures.items()]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the per-instance rows, as plain data."""
+        tables = {name: getattr(self, name).to_dict(orient="records") for name in ("bounds", "policies", "gaps")}
+        return {
+            **tables,
+            "best": {"bound": self.best_bound, "policy": self.best_policy, "claim": self.claim()},
+            "instances": len(self.rows),
+            "assumptions": list(self.assumptions),
+            "failures": self.failures,
+            "confidence": self.confidence,
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw bounds and policies as a ladder (:func:`optkit.plotting.ladder.ladder_plot`)."""
+        from optkit.plotting.ladder import ladder_plot
+
+        return ladder_plot(self, ax=ax)
+
+
+def gap_report(
+    source: Scenario | Sequence[Instance],
+    policies: Mapping[str, Policy],
+    *,
+    value: SetValue | None = None,
+    foresight: Foresight | None = None,
+    kinds: Sequence[str] | None = None,
+    limit: int = LIMIT,
+    redraws: int = REDRAWS,
+    confidence: float = 0.95,
+    assumptions: Sequence[str] = (),
+    seed: int = 0,
+    n_jobs: int = 1,
+    progress: Callable[[int, int], object] | None = None,
+    checkpoint: str | Path | None = None,
+) -> GapReport:
+    """Measure how far policies are from optimal, against upper bounds whose certificates are checked.
+
+    Parameters
+    ----------
+    source : Scenario or sequence of Instance
+        A scenario stands for its test instances, and brings value and foresight
+        (:func:`optkit.gap.charging.scenario_charging`). Instances should be independent draws; their noise is drawn
+        here if it is not realised.
+    policies : mapping from name to policy
+        Anything that :func:`optkit.simulate` takes, if its offers depend on the state alone.
+    value, foresight : SetValue, Foresight, optional
+        For the penalised bound: any post-decision value function, and the distribution of the instances. Neither may
+        have been made from these instances.
+    kinds : sequence of {"full", "lagrangian", "arrival", "penalised"}, optional
+        Bounds to compute, see :data:`optkit.gap.rows.BOUND_KINDS`; all that can be by default. Full information is
+        always there.
+    limit : int
+        Requests that the penalised bound tells apart, and up to which a policy is evaluated by enumeration. Time and
+        memory double with each.
+    redraws : int
+        Draws of the noise where a policy must be simulated.
+    confidence : float
+        Of intervals and claims.
+    assumptions : sequence of str
+        What you take for granted of the instances, to stand in the report.
+    seed : int
+        Of the arrivals that might have come, and of the noise.
+    n_jobs : int
+        Processes, 0 for one per core; the numbers do not depend on it.
+    progress : callable, optional
+        Called with the number of instances done, and their number.
+    checkpoint : path, optional
+        File in which each instance's row is kept as soon as it is there; a report that was interrupted goes on from it.
+
+    Returns
+    -------
+    GapReport
+        Tables of bounds, policies and gaps, the claim, and what they rest on.
+
+    Raises
+    ------
+    InputError
+        If there are no instances or policies, an argument is out of range, or the penalised bound is asked for without
+        value and foresight.
+    PolicyError
+        If a policy's offer is not feasible.
+    SolverError
+        If no instance could be bounded, or a policy earns more than a bound.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> days = scenario("I.2", seed=0).sample(4, seed=1)
+    >>> report = gap_report(days, {"myopic": PostDecisionPricing(), "half": lambda state: 0.5 * state.reward})
+    >>> report.best_policy, report.best_bound, bool((report.gaps["money"] > 0).all())
+    ('myopic', 'arrival', True)
+    """
+    told = list(assumptions)
+    if isinstance(source, Scenario):
+        instances = held_out(source)
+        told.insert(0, f"instances: the {len(instances)} of the test split of {source.name}, world {source.seed}")
+        if value is None and foresight is None and (kinds is None or "penalised" in chosen_kinds(kinds)):
+            charging = scenario_charging(source)
+            value, foresight = charging.value, charging.foresight
+            told += charging.assumptions
+    else:
+        instances = list(source)
+    chosen = _checked(instances, policies, value, foresight, kinds, limit, redraws, confidence, seed)
+    jobs = check_jobs(n_jobs)
+    shared = {"policies": dict(policies), "kinds": chosen, "value": value}
+    sizes = {"limit": limit, "redraws": redraws, "seed": seed}
+    hands = [None] * len(instances) if foresight is None else foresight.dealt(len(instances))
+    tasks = [
+        GapTask(number=i, instance=one, foresight=hand, **shared, **sizes)  # type: ignore[arg-type]
+        for i, (one, hand) in enumerate(zip(instances, hands, strict=True))
+    ]
+    key = "" if checkpoint is None else _key(tasks, foresight)
+    log = RowLog(checkpoint, key)
+    missing = log.missing(range(len(tasks)))
+    if progress is not None:
+        progress(len(tasks) - len(missing), len(tasks))
+    for position, row in in_parallel(gap_row, [tasks[i] for i in missing], jobs):
+        log.add(missing[position], row)
+        if progress is not None:
+            progress(len(log.rows), len(tasks))
+    rows = {i: log.rows[i] for i in range(len(tasks))}
+    failures = {i: str(row["error"]) for i, row in rows.items() if "error" in row}
+    kept = {i: row for i, row in rows.items() if "error" not in row}
+    if not kept:
+        raise SolverError(f"none of {len(rows)} instances could be bounded; the first: {failures[0]}")
+    told += _said(instances, kept, chosen, foresight, redraws, failures)
+    return GapReport(*gap_tables(kept, list(policies), chosen, confidence), tuple(told), failures, confidence)
+
+
+def chosen_kinds(kinds: Sequence[str]) -> tuple[Kind, ...]:
+    """Return bounds by name in order, loosest first, full information among them.
+
+    Raises
+    ------
+    InputError
+        If one is unknown.
+
+    Examples
+    --------
+    >>> chosen_kinds(["arrival"])
+    ('full', 'arrival')
+    """
+    wanted = {"penalised" if kind == "penalized" else kind for kind in ([kinds] if isinstance(kinds, str) else kinds)}
+    for kind in wanted - set(BOUND_KINDS):
+        raise InputError(f"no bound {kind!r}; there are {', '.join(BOUND_KINDS)}")
+    return tuple(kind for kind in BOUND_KINDS if kind in wanted or kind == "full")
+
+
+def _checked(
+    instances: Sequence[Instance],
+    policies: Mapping[str, Policy],
+    value: SetValue | None,
+    foresight: Foresight | None,
+    kinds: Sequence[str] | None,
+    limit: int,
+    redraws: int,
+    confidence: float,
+    seed: int,
+) -> tuple[Kind, ...]:
+    """Check the arguments of a report; return the bounds to compute."""
+    if not instances or not policies:
+        raise InputError("a gap report needs at least one instance and one policy")
+    for b, one in enumerate(instances):
+        if not isinstance(one, Instance):
+            raise InputError(f"element {b} is a {type(one).__name__}, not an Instance")
+    for name, policy in policies.items():
+        if not callable(policy):
+            raise InputError(f"policy {name!r} is a {type(policy).__name__}, which cannot be called")
+    check_limit(limit)
+    check_seed(seed)
+    if isinstance(redraws, bool) or not isinstance(redraws, int | np.integer) or redraws < 1:
+        raise InputError(f"redraws = {redraws!r} must be a whole number of at least 1")
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence = {confidence} is not between 0 and 1")
+    able = value is not None and foresight is not None
+    if kinds is None:
+        if (value is None) != (foresight is None):
+            raise InputError("a penalised bound needs both value and foresight: give both or neither")
+        return BOUND_KINDS if able else tuple(kind for kind in BOUND_KINDS if kind != "penalised")
+    chosen = chosen_kinds(kinds)
+    if "penalised" in chosen and not able:
+        raise InputError(
+            "the penalised bound needs value and foresight: pass a scenario, or make them with optkit.gap.charging"
+        )
+    return chosen
+
+
+def _key(tasks: Sequence[GapTask], foresight: Foresight | None) -> str:
+    """Return a digest of what a report consists of: policies and value function by what they do on the instances."""
+    first = tasks[0]
+    days = [
+        one.instance if one.instance.noise is not None else one.instance.with_noise(one.stream(OWN_STREAM))
+        for one in tasks
+    ]
+    batch = Batch.of(days)
+    acts: dict[str, Policy] = dict(first.policies)
+    plain: list[Any] = [__version__, list(acts), first.kinds, first.limit, first.redraws, first.seed]
+    seals = [exact_digest(days)]
+    if first.value is not None and foresight is not None:
+        acts["value of the charges"] = PostDecisionPricing(value_function=BelievedValue(first.value))
+        f = foresight
+        weight = None if f.weight is None else f.weight.tolist()
+        plain += [f.presence.tolist(), f.share.tolist(), f.nothing, f.draws, weight]
+        seals.append(exact_digest(f.arrivals))
+    # Ten digits: another processor may round otherwise.
+    plain += [[f"{reward:.10g}" for reward in simulate(batch, act).reward] for act in acts.values()]
+    return hashlib.sha256(to_json(plain).encode() + b"".join(seals)).hexdigest()
+
+
+def _said(
+    instances: Sequence[Instance],
+    kept: Mapping[int, dict[str, Any]],
+    kinds: Sequence[str],
+    foresight: Foresight | None,
+    redraws: int,
+    failures: Mapping[int, str],
+) -> list[str]:
+    """What the report must say of how its numbers came about."""
+    told = []
+    exact = sum(all(one["exact"] for one in row["policies"].values()) for row in kept.values())
+    ways = f"by enumeration on {exact} of {len(kept)} instances"
+    if exact < len(kept):
+        ways += f", with {redraws} draws of the noise on the others"
+    told.append(f"policies: they look at the state alone; evaluated {ways}")
+    drawn = sum(one.noise is None for one in instances)
+    if drawn:
+        told.append(f"noise: drawn here for {drawn} instances, for the full-information bound")
+    if "penalised" in kinds and foresight is not None:
+        told.append(
+            "money: without the luck of the arrivals, as far as the best policy's charges tell it; points: with it"
+        )
+        score = presence_score(instances, foresight)
+        told.append(
+            f"workers: {abs(score):.1f} standard errors {'more' if score > 0 else 'fewer'} were seen than foretold"
+        )
+        if abs(score) > 4:
+            told.append("WARNING: workers do not come as was assumed, so the penalised bound need not hold")
+    if failures:
+        told.append(f"WARNING: {len(failures)} instances without a proven bound are left out, which may bias the means")
+    told.append("intervals: instances are taken to be independent draws; Student's, by the delta method for points")
+    return told

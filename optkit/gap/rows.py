@@ -1,0 +1,232 @@
+"""One instance of a gap report: its bounds, each proven, and what the policies earn in the mean over the noise.
+
+Given the arrivals, a policy's mean reward is exact where the subsets of open requests can be enumerated
+(:func:`optkit.bounds.arrival.policy_value.policy_value`), and simulated with fresh noise where they are too many. Its
+*charge* is what the penalised bound would have charged it: zero in the mean over instances, and so a control variate.
+With all requests told apart, no policy's reward less its charge exceeds the penalised bound of the same path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from optkit.basics.arrays import Bools
+from optkit.basics.errors import SolverError
+from optkit.bounds import Bound, arrival_information, full_information
+from optkit.bounds.arrival.lattice import lattice_bits, stages
+from optkit.bounds.arrival.policy_value import Offer, policy_value
+from optkit.bounds.arrival.subsets import SubsetProgram
+from optkit.bounds.bound import prove
+from optkit.bounds.penalised.charges import Charges
+from optkit.bounds.penalised.foresight import Foresight
+from optkit.bounds.penalised.penalized import PenalizedCertificate, idle_steps, penalized, penalized_program
+from optkit.gap.policy_offers import lattice_offers
+from optkit.instances.instance import Floats, Instance, Ints
+from optkit.models.value.request_sets import SetValue
+from optkit.simulation.batch import Batch
+from optkit.simulation.simulator import Policy, simulate
+
+Kind = Literal["full", "lagrangian", "arrival", "penalised"]
+
+BOUND_KINDS: tuple[Kind, ...] = ("full", "lagrangian", "arrival", "penalised")
+"""Bounds, loosest first: full information; arrival information with each request served at most once in expectation, or
+exactly (as exactly as its size allows); arrival information with foresight charged for."""
+
+CHARGE_STREAM, NOISE_STREAM, OWN_STREAM = 5, 6, 7
+"""Spawn keys of the report's seed: no sample of instances spawns any below these."""
+
+ROUNDING = 1e-7
+"""Of the money in play: what a bound may lie below a policy on one path before something must be wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class GapTask:
+    """What is to be worked out for one instance.
+
+    Attributes
+    ----------
+    number : int
+        Of the instance.
+    instance : Instance
+    policies : mapping from name to policy
+    kinds : tuple of str
+        Among :data:`BOUND_KINDS`; full information is always there, because everything is measured by it.
+    value, foresight : SetValue, Foresight or None
+        For the penalised bound.
+    limit : int
+        Requests told apart by the penalised bound, and by the enumeration of a policy.
+    redraws : int
+        Draws of the noise where a policy must be simulated.
+    seed : int
+        Of the report.
+    """
+
+    number: int
+    instance: Instance
+    policies: Mapping[str, Policy]
+    kinds: tuple[Kind, ...]
+    value: SetValue | None
+    foresight: Foresight | None
+    limit: int
+    redraws: int
+    seed: int
+
+    def stream(self, key: int) -> np.random.SeedSequence:
+        """Randomness of one kind, apart from that of other instances."""
+        return np.random.SeedSequence(self.seed, spawn_key=(key, self.number))
+
+
+def gap_row(task: GapTask) -> dict[str, Any]:
+    """Bound one instance and evaluate the policies on it.
+
+    Returns
+    -------
+    dict
+        Plain data: ``requests``, ``workers``, ``penalty`` (sum, money); ``bounds`` by kind: ``value``, ``gap`` of its
+        certificate, ``residual``, ``seconds``, ``method``; ``policies`` by name: ``reward``, ``charge`` (money),
+        ``exact``. Or ``error``, the reason why a solver's bound could not be proven.
+
+    Raises
+    ------
+    PolicyError
+        If a policy's offer is not feasible.
+    SolverError
+        If a policy earns more than a bound that holds on each path.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> day = scenario("I.2", seed=0).sample(1, seed=1)[0]
+    >>> half = {"half": lambda state: 0.5 * state.reward}
+    >>> row = gap_row(GapTask(0, day, half, ("full", "arrival"), None, None, 12, 64, 0))
+    >>> row["policies"]["half"]["reward"] < row["bounds"]["arrival"]["value"]
+    True
+    """
+    given = task.instance
+    instance = given if given.noise is not None else given.with_noise(task.stream(OWN_STREAM))
+    row: dict[str, Any] = {
+        "requests": instance.n_requests,
+        "workers": instance.n_workers,
+        "penalty": float(instance.penalty.sum()),
+    }
+    charged: _Charged | None = None
+    bounds = {}
+    try:
+        for kind in ("full", *(k for k in task.kinds if k != "full")):
+            if kind == "penalised":
+                charged = _Charged.of(task, instance)
+                bound = charged.bound
+            else:
+                bound = _bound(kind, instance)
+            verdict = prove(bound, instance)
+            solver = bound.solver
+            bounds[kind] = {
+                "value": bound.value,
+                "gap": verdict.gap,
+                "residual": verdict.residual,
+                "seconds": solver.seconds,
+                "method": solver.method,
+            }
+    except SolverError as error:
+        return {**row, "error": str(error)}
+    policies = {}
+    for name, policy in task.policies.items():
+        policies[name] = _evaluate(task, instance, policy, charged)
+        _must_hold(task.number, name, policies[name], bounds)
+    return {**row, "bounds": bounds, "policies": policies}
+
+
+def _bound(kind: str, instance: Instance) -> Bound:
+    if kind == "full":
+        return full_information(instance)
+    return arrival_information(instance, "lagrangian" if kind == "lagrangian" else None)
+
+
+class _Seen(Charges):
+    """Charges that are worked out once."""
+
+    @cached_property
+    def _kept(self) -> dict[int, Floats]:
+        return {}
+
+    def __call__(self, step: int, requests: Ints) -> Floats:
+        if step not in self._kept:
+            self._kept[step] = super().__call__(step, requests)
+        return self._kept[step]
+
+
+@dataclass(frozen=True, eq=False)
+class _Charged:
+    """A penalised bound, with its program and charges; proving it works them out once more, for the policies too."""
+
+    bound: Bound
+    program: SubsetProgram
+    charges: Charges
+    tracked: Bools
+
+    @classmethod
+    def of(cls, task: GapTask, instance: Instance) -> _Charged:
+        assert task.value is not None
+        assert task.foresight is not None
+        bound = penalized(instance, task.value, task.foresight, seed=task.stream(CHARGE_STREAM), limit=task.limit)
+        proof = bound.certificate
+        assert isinstance(proof, PenalizedCertificate)
+        seen = _Seen(**{field.name: getattr(proof.charges, field.name) for field in fields(Charges)})
+        program = penalized_program(instance, proof.tracked, proof.multipliers)
+        return cls(replace(bound, certificate=replace(proof, charges=seen)), program, seen, proof.tracked)
+
+
+def _evaluate(task: GapTask, instance: Instance, policy: Policy, charged: _Charged | None) -> dict[str, Any]:
+    """Mean reward of a policy over the noise, and its charge, money; and whether they are exact."""
+    if charged is not None and charged.tracked.all():
+        offer, again = _asked_once(lattice_offers(instance, policy))
+        reward = policy_value(charged.program, offer)
+        paid = policy_value(charged.program, again, charged.charges) - charged.charges.idle(idle_steps(charged.program))
+        return {"reward": reward, "charge": reward - paid, "exact": True}
+    if charged is None and lattice_bits(instance).max(initial=0) <= task.limit:
+        everything = np.ones(instance.n_requests, bool)
+        program = SubsetProgram(instance, stages(instance), np.zeros(instance.n_requests), everything)
+        return {"reward": policy_value(program, lattice_offers(instance, policy)), "charge": 0.0, "exact": True}
+    draws = task.stream(NOISE_STREAM).spawn(task.redraws)
+    runs = Batch.of([instance.with_noise(draw) for draw in draws])
+    outcome = simulate(runs, policy)
+    charge = 0.0
+    if charged is not None:
+        # Last step after which each request waited.
+        last = np.tile(instance.expiry - 1, (task.redraws, 1))
+        run, worker = np.nonzero(outcome.accepted >= 0)
+        last[run, outcome.accepted[run, worker]] = instance.worker_step[worker] - 1
+        charge = float(charged.charges.along(last, charged.tracked).mean())
+    return {"reward": float(outcome.reward.mean()), "charge": charge, "exact": False}
+
+
+def _asked_once(offer: Offer) -> tuple[Offer, Offer]:
+    """Return offers for two inductions over the same program, the second with what the first was told."""
+    told: list[Floats] = []
+
+    def first(step: int, worker: int, requests: Ints, open_: Bools) -> Floats:
+        told.append(offer(step, worker, requests, open_))
+        return told[-1]
+
+    def second(step: int, worker: int, requests: Ints, open_: Bools) -> Floats:
+        return told.pop(0)
+
+    return first, second
+
+
+def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mapping[str, Any]) -> None:
+    """Raise a SolverError if an exact value exceeds a bound that holds on every path."""
+    if not policy["exact"]:
+        return
+    for kind, bound in bounds.items():
+        earned = policy["reward"] - (policy["charge"] if kind == "penalised" else 0.0)
+        if kind != "full" and earned > bound["value"] + ROUNDING * max(1.0, abs(bound["value"])):
+            raise SolverError(
+                f"instance {number}: {name} earns {earned:.9g} in the mean over the noise, more than the bound "
+                f"{bound['value']:.9g} ({kind}), which cannot be: one of them is wrong"
+            )

@@ -1,0 +1,1 @@
+"""The benchmark instance sets: fixed, described and checked by digest."""

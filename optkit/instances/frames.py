@@ -1,0 +1,78 @@
+"""Two tables, of requests and of workers, as the fields of an instance."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.arrays import Floats, floats, ints
+from optkit.basics.errors import InstanceError
+from optkit.instances.queue import fifo_queue
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def fields_from_frames(
+    requests: pd.DataFrame,
+    workers: pd.DataFrame,
+    mu: npt.ArrayLike,
+    outside_utility: npt.ArrayLike,
+    horizon: int | None,
+    features: Sequence[str],
+    queue: bool,
+) -> dict[str, Any]:
+    """Return the fields of an Instance; see :meth:`optkit.Instance.from_frames` for arguments and errors."""
+    _need("requests", requests, ["arrival", "expiry", "reward", *features])
+    _need("workers", workers, ["step"])
+    mu = floats("mu", np.atleast_1d(np.asarray(mu)), (None,))
+    numbered = [c for c in requests.columns if isinstance(c, str) and re.fullmatch(r"utility_\d+", c)]
+    columns = [f"utility_{d}" for d in range(len(numbered))] or ["utility"]
+    _need("requests", requests, columns)
+    if mu.size == 1:
+        mu = np.full(len(columns), mu[0])
+    n = len(requests)
+    step = ints("step", workers["step"].to_numpy(), (len(workers),))
+    order = np.argsort(step, kind="stable")
+    step = step[order]
+    group = workers["group"].to_numpy()[order] if "group" in workers else np.zeros(len(step), int)
+    expiry = ints("expiry", requests["expiry"].to_numpy(), (n,))
+    if horizon is None:
+        horizon = int(max(expiry.max(initial=0), step.max(initial=0))) + 1
+    if queue:
+        step, served = fifo_queue(step, horizon)
+        group = group[served]
+    return dict(
+        horizon=horizon,
+        **{name: requests[name].to_numpy() for name in ("arrival", "expiry", "reward")},
+        **{
+            name: requests[name].to_numpy() if name in requests else np.zeros(n, kind)
+            for name, kind in (("penalty", float), ("pickup", int), ("dropoff", int))
+        },
+        features=_columns("features", requests, list(features)),
+        worker_step=step,
+        worker_group=group,
+        utility=_columns("utility", requests, columns).T,
+        mu=mu,
+        outside_utility=outside_utility,
+    )
+
+
+def _need(table: str, frame: pd.DataFrame, columns: Sequence[str]) -> None:
+    missing = [c for c in columns if c not in frame]
+    if missing:
+        have = ", ".join(map(str, frame.columns))
+        raise InstanceError(f"the {table} table has no column {', '.join(map(repr, missing))}; it has: {have}")
+
+
+def _columns(name: str, frame: pd.DataFrame, columns: list[str]) -> Floats:
+    """Return columns of a table as a matrix, (rows, columns); an error names the column."""
+    matrix = np.empty((len(frame), len(columns)))
+    for c, column in enumerate(columns):
+        label = column if column.startswith(name) else f"{name} {column!r}"
+        matrix[:, c] = floats(label, frame[column].to_numpy(), (len(frame),))
+    return matrix

@@ -1,0 +1,367 @@
+"""One instance of the problem: the requests, the workers, their preferences and, if drawn, their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from optkit.basics.arrays import Floats, Ints, count, floats, ints, whole_number
+from optkit.basics.errors import InstanceError
+from optkit.instances.queue import fifo_queue
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["DENSE_NOISE_LIMIT", "Floats", "Instance", "Ints", "fifo_queue"]
+
+DENSE_NOISE_LIMIT = 4_000_000
+"""Worker-request pairs above which :meth:`Instance.with_noise` draws sparse noise (32 MB if dense)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A day of one platform: everything exogenous, and nothing that a policy decides.
+
+    Arrays are copied, checked and made read-only; n requests, J workers, D worker groups, k features.
+
+    Parameters
+    ----------
+    horizon : int
+        Number of decision steps T; steps are 0..T-1 (the paper's t is step + 1).
+    arrival, expiry : (n,) int
+        First and last step at which a request can be served, both inclusive; ``arrival <= expiry < horizon``.
+    reward : (n,) float
+        Money earned for serving a request, before the compensation is paid.
+    penalty : (n,) float
+        Money, at most 0, received when a request expires unserved.
+    features : (n, k) float
+        Characteristics x_i of the request. The scenarios of optkit put the travel time last, and
+        :class:`optkit.policies.Formula` reads it from there.
+    pickup, dropoff : (n,) int
+        Location indices, at least 0.
+    worker_step : (J,) int
+        The step at which each worker is seen, strictly increasing: a step sees at most one worker.
+        :func:`fifo_queue` turns arrivals into such steps.
+    worker_group : (J,) int
+        The group of each worker, in 0..D-1.
+    utility : (D, n) float
+        Mean utility u of request i to group d, in money; the compensation adds to it with weight 1.
+    mu : (D,) float
+        Scale of the Gumbel noise of each group, in money, positive.
+    outside_utility : float or (D,) float
+        Utility u_0 of rejecting everything, in money.
+    noise : (J, n) float or SciPy sparse array, optional
+        Realised zero-mean Gumbel noise per worker and request. A sparse array needs an entry for every pair
+        whose worker comes while the request is open; other entries are dropped.
+    outside_noise : (J,) float, optional
+        Realised noise of the outside option. Given with ``noise`` or not at all.
+
+    Raises
+    ------
+    InstanceError
+        If a rule above is broken; the message names the field, the first offending index and the remedy.
+
+    Notes
+    -----
+    Paper section 2; design sections 3 and 6.
+
+    Examples
+    --------
+    >>> day = Instance(horizon=4, arrival=[0, 1], expiry=[2, 3], reward=[30.0, 40.0], penalty=[-5.0, -6.0],
+    ...                features=[[0.2], [0.7]], pickup=[0, 1], dropoff=[1, 0], worker_step=[1, 2],
+    ...                worker_group=[0, 0], utility=[[-10.0, -12.0]], mu=[1.0])
+    >>> day
+    Instance(horizon=4, requests=2, workers=2, groups=1, noise=not realised)
+    >>> day.with_noise(seed=0).noise.shape
+    (2, 2)
+    """
+
+    horizon: int
+    arrival: Ints
+    expiry: Ints
+    reward: Floats
+    penalty: Floats
+    features: Floats
+    pickup: Ints
+    dropoff: Ints
+    worker_step: Ints
+    worker_group: Ints
+    utility: Floats
+    mu: Floats
+    outside_utility: float | Floats = 0.0
+    noise: Floats | sparse.csr_array | None = None
+    outside_noise: Floats | None = None
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        put("horizon", whole_number("horizon", self.horizon))
+        if self.horizon < 1:
+            raise InstanceError(f"horizon is {self.horizon}: it needs at least one step")
+        n, J = count("arrival", self.arrival), count("worker_step", self.worker_step)
+        for name in ("arrival", "expiry", "pickup", "dropoff"):
+            put(name, ints(name, getattr(self, name), (n,)))
+        for name in ("reward", "penalty"):
+            put(name, floats(name, getattr(self, name), (n,)))
+        for name in ("worker_step", "worker_group"):
+            put(name, ints(name, getattr(self, name), (J,)))
+        put("features", floats("features", self.features, (n, None)))
+        put("mu", floats("mu", np.atleast_1d(np.asarray(self.mu)), (None,)))
+        put("utility", floats("utility", self.utility, (self.mu.size, n)))
+        if np.ndim(self.outside_utility) == 0:
+            put("outside_utility", float(floats("outside_utility", self.outside_utility, ())))
+        else:
+            put("outside_utility", floats("outside_utility", self.outside_utility, (self.mu.size,)))
+        self._check_rules()
+        self._check_noise()
+
+    def _check_rules(self) -> None:
+        at_request = (
+            (self.arrival < 0, "arrival", "is negative; steps count from 0"),
+            (self.expiry < self.arrival, "expiry", "comes before its arrival; the last step to serve it is inclusive"),
+            (self.expiry >= self.horizon, "expiry", f"lies beyond the last step {self.horizon - 1}; cut it there"),
+            (self.penalty > 0, "penalty", "is positive; write a cost of expiry as a number <= 0"),
+            (self.pickup < 0, "pickup", "is negative; locations count from 0"),
+            (self.dropoff < 0, "dropoff", "is negative; locations count from 0"),
+        )
+        for broken, name, why in at_request:
+            if broken.any():
+                i = int(broken.argmax())
+                raise InstanceError(f"{name}[{i}] = {getattr(self, name)[i]} {why}")
+        if self.mu.size == 0:
+            raise InstanceError("mu is empty: give the noise scale of at least one worker group")
+        if (self.mu <= 0).any():
+            d = int((self.mu <= 0).argmax())
+            raise InstanceError(
+                f"mu[{d}] = {self.mu[d]} is not positive; it is the scale of the worker's noise, in money"
+            )
+        outside = (self.worker_step < 0) | (self.worker_step >= self.horizon)
+        if outside.any():
+            j = int(outside.argmax())
+            raise InstanceError(f"worker_step[{j}] = {self.worker_step[j]} is outside the steps 0..{self.horizon - 1}")
+        late = np.diff(self.worker_step) <= 0
+        if late.any():
+            j = int(late.argmax())
+            raise InstanceError(
+                f"worker_step[{j + 1}] = {self.worker_step[j + 1]} does not come after worker_step[{j}] = "
+                f"{self.worker_step[j]}: a step sees one worker; optkit.instances.instance.fifo_queue lines arrivals up"
+            )
+        D = self.mu.size
+        alien = (self.worker_group < 0) | (self.worker_group >= D)
+        if alien.any():
+            j = int(alien.argmax())
+            raise InstanceError(
+                f"worker_group[{j}] = {self.worker_group[j]} is not in 0..{D - 1}, the groups that mu has"
+            )
+
+    def _check_noise(self) -> None:
+        if (self.noise is None) != (self.outside_noise is None):
+            given, missing = ("outside_noise", "noise") if self.noise is None else ("noise", "outside_noise")
+            raise InstanceError(f"{given} is given without {missing}: give both, or neither and call with_noise(seed)")
+        if self.noise is None:
+            return
+        shape = (self.worker_step.size, self.arrival.size)
+        object.__setattr__(self, "outside_noise", floats("outside_noise", self.outside_noise, shape[:1]))
+        if sparse.issparse(self.noise):
+            object.__setattr__(self, "noise", self._compatible_noise(sparse.csr_array(self.noise, copy=True), shape))
+        else:
+            object.__setattr__(self, "noise", floats("noise", self.noise, shape))
+
+    def _compatible_noise(self, noise: sparse.csr_array, shape: tuple[int, int]) -> sparse.csr_array:
+        if noise.shape != shape:
+            raise InstanceError(f"noise has shape {noise.shape}; it needs (workers, requests) = {shape}")
+        if noise.dtype.kind == "c":
+            raise InstanceError("noise holds complex numbers (dtype complex), not real numbers")
+        noise.sum_duplicates()
+        worker, request = self.pairs()
+        if noise.nnz:
+            rows = np.repeat(np.arange(shape[0]), np.diff(noise.indptr))
+            stored, wanted = rows * shape[1] + noise.indices, worker * shape[1] + request
+            at = np.minimum(np.searchsorted(stored, wanted), stored.size - 1)
+            absent = stored[at] != wanted
+        else:
+            at, absent = np.zeros(worker.size, int), np.ones(worker.size, bool)
+        if absent.any():
+            p = int(absent.argmax())
+            raise InstanceError(
+                f"noise has no entry for worker {worker[p]} and request {request[p]}, who meet at step "
+                f"{self.worker_step[worker[p]]}; store every compatible pair (Instance.pairs lists them)"
+            )
+        data = noise.data[at] if worker.size else np.zeros(0)
+        if not np.isfinite(data).all():
+            p = int((~np.isfinite(data)).argmax())
+            raise InstanceError(f"noise[{worker[p]}, {request[p]}] is {data[p]}: draw it again; optkit never guesses")
+        starts = np.searchsorted(worker, np.arange(shape[0] + 1))
+        kept = sparse.csr_array((data, request, starts), shape=shape)
+        for part in (kept.data, kept.indices, kept.indptr):
+            part.flags.writeable = False
+        return kept
+
+    @property
+    def n_requests(self) -> int:
+        """Number of requests n."""
+        return self.arrival.size
+
+    @property
+    def n_workers(self) -> int:
+        """Number of workers J."""
+        return self.worker_step.size
+
+    @property
+    def n_groups(self) -> int:
+        """Number of worker groups D."""
+        return self.mu.size
+
+    @property
+    def outside_by_group(self) -> Floats:
+        """The outside utility u_0 of each group, (D,), in money."""
+        given = self.outside_utility
+        return given if isinstance(given, np.ndarray) else np.full(self.mu.size, given)
+
+    def pairs(self) -> tuple[Ints, Ints]:
+        """Compatible pairs: every worker with every request that is open at the worker's step.
+
+        Returns
+        -------
+        worker, request : (p,) int
+            Sorted by worker, then by request.
+        """
+        first = np.searchsorted(self.worker_step, self.arrival, side="left")
+        count = np.searchsorted(self.worker_step, self.expiry, side="right") - first
+        request = np.repeat(np.arange(self.n_requests), count)
+        worker = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count - first, count)
+        order = np.argsort(worker, kind="stable")
+        return worker[order], request[order]
+
+    def pair_noise(self) -> Floats:
+        """Realised noise of the compatible pairs, (p,), in the order of :meth:`pairs`.
+
+        Raises
+        ------
+        InstanceError
+            If the noise is not realised.
+        """
+        if self.noise is None:
+            raise InstanceError("the noise of this instance is not realised: call instance.with_noise(seed) first")
+        if sparse.issparse(self.noise):
+            return np.asarray(self.noise.data)
+        return np.asarray(self.noise[self.pairs()])
+
+    def with_noise(self, seed: int | np.random.Generator | np.random.SeedSequence | None) -> Instance:
+        """Return this instance with its noise drawn anew: Gumbel of mean 0 and the scale of the worker's group.
+
+        Parameters
+        ----------
+        seed : int, Generator or SeedSequence
+            Source of the randomness; the same seed gives the same noise.
+
+        Returns
+        -------
+        Instance
+            Another one; this one stays as it is.
+        """
+        rng = np.random.default_rng(seed)
+        scale = self.mu[self.worker_group]
+        outside = rng.gumbel(-np.euler_gamma * scale, scale)
+        if self.n_workers * self.n_requests <= DENSE_NOISE_LIMIT:
+            per_worker = scale[:, None]
+            noise: Any = rng.gumbel(-np.euler_gamma * per_worker, per_worker, (self.n_workers, self.n_requests))
+        else:
+            worker, request = self.pairs()
+            drawn = rng.gumbel(-np.euler_gamma * scale[worker], scale[worker])
+            noise = sparse.csr_array((drawn, (worker, request)), shape=(self.n_workers, self.n_requests))
+        return replace(self, noise=noise, outside_noise=outside)
+
+    @classmethod
+    def from_frames(
+        cls,
+        requests: pd.DataFrame,
+        workers: pd.DataFrame,
+        *,
+        mu: npt.ArrayLike = 1.0,
+        outside_utility: float | npt.ArrayLike = 0.0,
+        horizon: int | None = None,
+        features: Sequence[str] = (),
+        queue: bool = False,
+    ) -> Instance:
+        """Build an instance from two tables: the way to bring one's own data.
+
+        Parameters
+        ----------
+        requests : DataFrame
+            Columns ``arrival``, ``expiry``, ``reward``, ``penalty``, ``pickup``, ``dropoff``, and ``utility`` for one
+            worker group or ``utility_0``, ``utility_1``, ... for several. ``penalty``, ``pickup`` and ``dropoff``
+            may be left out and are then 0.
+        workers : DataFrame
+            Column ``step``; ``group`` (0) may be left out. Any order.
+        mu, outside_utility : float or (D,) float
+            Noise scale and utility of rejecting, in money: per group, or one number for all.
+        horizon : int, optional
+            Number of steps; one more than the last step that the tables name, unless given.
+        features : sequence of str
+            The columns of ``requests`` that make up the feature matrix, travel time last.
+        queue : bool
+            Treat ``step`` as the arrival in a first-in first-out queue, see :func:`fifo_queue`; workers whose
+            turn falls beyond the horizon are left out.
+
+        Returns
+        -------
+        Instance
+            Its noise is not realised; see :meth:`with_noise`.
+
+        Raises
+        ------
+        InstanceError
+            If a column is missing, or the instance breaks a rule.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> requests = pd.DataFrame(
+        ...     {"arrival": [0, 1], "expiry": [2, 3], "reward": [30.0, 40.0], "utility": [-9.0, -8.0]}
+        ... )
+        >>> workers = pd.DataFrame({"step": [1, 1, 2]})
+        >>> Instance.from_frames(requests, workers, queue=True).worker_step
+        array([1, 2, 3])
+        """
+        from optkit.instances.frames import fields_from_frames
+
+        return cls(**fields_from_frames(requests, workers, mu, outside_utility, horizon, features, queue))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Unpickled and copied arrays come writable.
+        self.__dict__.update(state)
+        for value in state.values():
+            for part in [getattr(value, name, value) for name in ("data", "indices", "indptr")]:
+                if isinstance(part, np.ndarray):
+                    part.flags.writeable = False
+
+    def __repr__(self) -> str:
+        kind = "not realised" if self.noise is None else "sparse" if sparse.issparse(self.noise) else "dense"
+        return (
+            f"Instance(horizon={self.horizon}, requests={self.n_requests}, workers={self.n_workers}, "
+            f"groups={self.n_groups}, noise={kind})"
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Instance):
+            return NotImplemented
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _same(a: Any, b: Any) -> bool:
+    if sparse.issparse(a) and sparse.issparse(b):
+        return bool(
+            all(np.array_equal(getattr(a, part), getattr(b, part)) for part in ("shape", "indptr", "indices", "data"))
+        )
+    if sparse.issparse(a) or sparse.issparse(b) or (a is None) != (b is None):
+        return False
+    return bool(np.array_equal(a, b))

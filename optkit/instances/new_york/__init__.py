@@ -1,0 +1,1 @@
+"""Instances from New York's taxi trip records."""

@@ -1,0 +1,246 @@
+"""Reading an instance set, and checking all of it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from optkit.basics.errors import DataError, InstanceError
+from optkit.basics.folders import set_aside
+from optkit.instances.instance import Instance
+from optkit.instances.storage.schema import (
+    COLUMNS,
+    FORMAT,
+    SCHEMA,
+    Columns,
+    damaged,
+    is_number,
+    parse,
+    read_bytes,
+    seal,
+    table_schema,
+)
+
+
+def load_instances(folder: str | os.PathLike[str]) -> list[Instance]:
+    """Read an instance set that :func:`optkit.instances.storage.save_instances` wrote, and check all of it.
+
+    Parameters
+    ----------
+    folder : path
+        The folder of the set.
+
+    Returns
+    -------
+    list of Instance
+        Equal to those that were written.
+
+    Raises
+    ------
+    DataError
+        If a file is missing, damaged, truncated, or from a newer optkit, or if an instance breaks a rule of
+        :class:`~optkit.instances.instance.Instance`; the message names the file and the remedy.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from optkit import scenario
+    >>> from optkit.instances.storage import save_instances
+    >>> days = scenario("I.2", seed=0).sample(2, seed=1)
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     load_instances(save_instances(f"{place}/days", days)) == days
+    True
+    """
+    place, document = Path(folder), read_description(folder)
+    records = document["instances"]
+    tables = {table: _read_table(place / f"{table}.parquet", document) for table in COLUMNS}
+    n, J = (np.array([record[size] for record in records], dtype=np.int64) for size in ("requests", "workers"))
+    one = np.ones_like(n)
+    _check_index(place / "requests.parquet", tables["requests"], ("request", n), ("", one), n)
+    _check_index(place / "workers.parquet", tables["workers"], ("worker", J), ("", one), J)
+    stored = {"none": 0 * J, "dense": J * n, "sparse": -one}
+    pairs = np.array([stored[record["noise"]][b] for b, record in enumerate(records)], dtype=np.int64)
+    _check_index(place / "noise.parquet", tables["noise"], ("worker", J), ("request", n), pairs)
+    for name, column, count in (("features", "feature", "features"), ("utility", "utility", "groups")):
+        matrix = np.array([tables["requests"][f"{column}_{c}"] for c in range(document[count])])
+        tables["requests"][name] = matrix.reshape(document[count], n.sum()).T
+    starts = {table: np.searchsorted(tables[table]["instance"], np.arange(len(records) + 1)) for table in tables}
+    return [
+        _instance(place, b, record, {t: slice(starts[t][b], starts[t][b + 1]) for t in tables}, tables)
+        for b, record in enumerate(records)
+    ]
+
+
+def read_description(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read and check ``scenario.json`` alone: the settings and sizes of a set, without its tables.
+
+    Parameters
+    ----------
+    folder : path
+        The folder of the set.
+
+    Returns
+    -------
+    dict
+        The file's content, see :mod:`optkit.instances.storage.schema`.
+
+    Raises
+    ------
+    DataError
+        If the folder or the file is missing, damaged, of another format, or from a newer optkit.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from optkit import scenario
+    >>> from optkit.instances.storage import save_instances
+    >>> source = scenario("I.2", seed=0)
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     folder = save_instances(f"{place}/days", source.sample(2, seed=1), scenario=source.describe())
+    ...     read_description(folder)["scenario"]["name"]
+    'I.2'
+    """
+    place = Path(folder)
+    path = place / "scenario.json"
+    if not place.is_dir():
+        aside = set_aside(place)
+        if aside is not None:
+            raise DataError(f"{place} is missing: a save was interrupted; the set is {aside}: move it back")
+        raise DataError(f"{place} is not a folder: give the folder of an instance set, made by save_instances")
+    raw = read_bytes(path)
+    document = parse(raw)
+    if document is None:
+        raise damaged(path, "is not a JSON object (damaged or truncated)")
+    if document.get("format") != FORMAT:
+        raise DataError(f"{path} has format {document.get('format')!r}, not {FORMAT!r}: give an instance set's folder")
+    schema: Any = document.get("schema")
+    if not is_number(schema, whole=True) or schema < 1:
+        raise damaged(path, f"has schema {schema!r}, which is no version")
+    if schema > SCHEMA:
+        newer = f"was written by a newer optkit (schema {schema}; this one reads up to {SCHEMA})"
+        raise DataError(f"{path} {newer}: upgrade optkit")
+    if "sha256" in document and document["sha256"] != seal(raw, document["sha256"]):
+        raise damaged(path, "was changed or damaged (its sha256 differs; after an edit, delete that entry)")
+    _check_document(path, document)
+    return document
+
+
+def _check_document(path: Path, document: dict[str, Any]) -> None:
+    for key, kind in (("scenario", dict), ("features", int), ("groups", int), ("files", dict), ("instances", list)):
+        value = document.get(key)
+        if not isinstance(value, kind) or (
+            isinstance(value, int) and (type(value) is bool or not 0 <= value < 100_000)
+        ):
+            raise damaged(path, f"has no valid entry {key!r}")
+
+    def per_group(value: Any) -> bool:
+        return isinstance(value, list) and len(value) == document["groups"] and all(map(is_number, value))
+
+    for b, record in enumerate(document["instances"]):
+        if not (
+            isinstance(record, dict)
+            and all(is_number(record.get(key), whole=True) for key in ("horizon", "requests", "workers"))
+            and per_group(record.get("mu"))
+            and (is_number(record.get("outside_utility")) or per_group(record.get("outside_utility")))
+            and record.get("noise") in ("none", "dense", "sparse")
+        ):
+            raise damaged(path, f"has an incomplete or wrong record of instance {b}")
+
+
+def _read_table(path: Path, document: dict[str, Any]) -> Columns:
+    """Return the columns of one table by name, after checking its bytes, its columns and its row count."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    wanted = table_schema(path.stem, document["features"], document["groups"])
+    stated = document["files"].get(path.name)
+    if stated is None and path.stem == "noise":
+        return {field.name: np.zeros(0, field.type.to_pandas_dtype()) for field in wanted}
+    if not isinstance(stated, dict):
+        raise damaged(path.with_name("scenario.json"), f"does not list {path.name}")
+    raw = read_bytes(path)
+    if hashlib.sha256(raw).hexdigest() != stated.get("sha256"):
+        raise damaged(path, "is damaged or truncated (its sha256 is not that in scenario.json)")
+    try:
+        file = pq.ParquetFile(pa.BufferReader(raw))
+        have = {field.name: field.type for field in file.schema_arrow}
+        for field in wanted:
+            if field.name not in have:
+                raise damaged(path, f"has no column {field.name!r} among {', '.join(have)}")
+            if have[field.name] != field.type:
+                raise damaged(path, f"has {have[field.name]} in column {field.name!r}, not {field.type}")
+        data = file.read(columns=wanted.names)
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).partition("\n")[0]
+        raise damaged(path, f"is not a readable Parquet file ({reason})") from error
+    if data.num_rows != stated.get("rows"):
+        raise damaged(path, f"has {data.num_rows} rows, scenario.json says {stated.get('rows')}")
+    for field in wanted:
+        if data.column(field.name).null_count and not field.nullable:
+            raise damaged(path, f"has empty cells in column {field.name!r}")
+    return {name: data.column(name).to_numpy() for name in wanted.names}
+
+
+def _check_index(
+    path: Path,
+    columns: Columns,
+    outer: tuple[str, npt.NDArray[np.int64]],
+    inner: tuple[str, npt.NDArray[np.int64]],
+    rows: npt.NDArray[np.int64],
+) -> None:
+    """Check a table's index: known instances, ``rows`` of each (-1: any number), sorted, in range, no duplicates.
+
+    ``outer`` and ``inner`` name an index column and give its size per instance; right counts then leave no gap.
+    """
+    instance, (name, height), (nested, width) = columns["instance"], outer, inner
+    unknown = (instance < 0) | (instance >= rows.size)
+    if unknown.any():
+        raise damaged(path, f"has an unknown instance {instance[unknown.argmax()]} in row {unknown.argmax()}")
+    counts = np.bincount(instance, minlength=rows.size)
+    short = (counts != rows) & (rows >= 0)
+    if short.any():
+        b = short.argmax()
+        raise damaged(path, f"has {counts[b]} rows of instance {b}, which scenario.json says has {rows[b]}")
+    first = np.cumsum(height * width) - height * width
+    i, j = columns[name], columns[nested] if nested else np.zeros_like(instance)
+    wrong = (i < 0) | (i >= height[instance]) | (j < 0) | (j >= width[instance])
+    wrong[1:] |= np.diff(first[instance] + i * width[instance] + j) <= 0
+    if wrong.any():
+        raise damaged(path, f"is out of order, repeats itself or leaves the index range in row {wrong.argmax()}")
+
+
+def _instance(
+    place: Path, b: int, record: dict[str, Any], at: dict[str, slice], tables: dict[str, Columns]
+) -> Instance:
+    requests, workers, pairs = ({name: c[at[t]] for name, c in tables[t].items()} for t in COLUMNS)
+    n, J, kind = record["requests"], record["workers"], record["noise"]
+    noise: Any = None
+    if kind == "dense":
+        noise = pairs["noise"].reshape(J, n)
+    elif kind == "sparse":
+        starts = np.searchsorted(pairs["worker"], np.arange(J + 1))
+        noise = sparse.csr_array((pairs["noise"], pairs["request"], starts), shape=(J, n))
+    outside = workers["outside_noise"]
+    if kind == "none" and not np.isnan(outside).all():
+        raise damaged(place / "workers.parquet", f"has outside_noise in instance {b}, whose noise is not realised")
+    try:
+        return Instance(
+            horizon=record["horizon"],
+            **{c: requests[c] for c in ("arrival", "expiry", "reward", "penalty", "pickup", "dropoff")},
+            features=requests["features"],
+            worker_step=workers["step"],
+            worker_group=workers["group"],
+            utility=requests["utility"].T,
+            mu=np.array(record["mu"], dtype=np.float64),
+            outside_utility=record["outside_utility"],
+            noise=noise,
+            outside_noise=None if noise is None else outside,
+        )
+    except InstanceError as error:
+        raise DataError(f"{place}: instance {b} breaks a rule: {error}") from error

@@ -1,0 +1,191 @@
+"""Writing an instance set."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from optkit.basics.errors import InputError, OptkitError
+from optkit.basics.folders import foreign_entry, publish, set_aside
+from optkit.basics.version import __version__
+from optkit.instances.instance import Instance
+from optkit.instances.storage.schema import (
+    COLUMNS,
+    FORMAT,
+    SCHEMA,
+    ZEROS,
+    Columns,
+    parse,
+    read_bytes,
+    seal,
+    table_schema,
+)
+
+
+def save_instances(
+    folder: str | os.PathLike[str],
+    instances: Iterable[Instance],
+    *,
+    scenario: dict[str, Any] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write an instance set as a folder; what is read back equals it exactly.
+
+    The set is written beside ``folder``, flushed to the disk and then renamed, so that ``folder`` never holds half a
+    set. Replacing takes two renames. If the machine stops between them, both sets are complete in a hidden folder
+    beside ``folder``, and :func:`optkit.instances.storage.load_instances` says where.
+
+    Parameters
+    ----------
+    folder : path
+        Created, with its parents.
+    instances : iterable of Instance
+        They share the number of features and of groups; horizons, sizes and kinds of noise may differ.
+    scenario : dict, optional
+        Origin, settings and seeds, of plain JSON values; :func:`optkit.instances.storage.read_description` returns it
+        as JSON does (tuples become lists).
+    overwrite : bool
+        Replace ``folder`` if it is an instance set and holds nothing else.
+
+    Returns
+    -------
+    Path
+        ``folder``.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` exists and may not be replaced, the instances do not fit in one set, or ``scenario`` is not JSON.
+    OptkitError
+        If the disk refuses; what was there before stays.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from optkit.instances.storage import load_instances, read_description
+    >>> day = Instance(horizon=4, arrival=[0, 1], expiry=[2, 3], reward=[30.0, 40.0], penalty=[-5.0, -6.0],
+    ...                features=[[0.2], [0.7]], pickup=[0, 1], dropoff=[1, 0], worker_step=[1, 2],
+    ...                worker_group=[0, 0], utility=[[-10.0, -12.0]], mu=[1.0]).with_noise(seed=0)
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     folder = save_instances(f"{place}/monday", [day], scenario={"origin": "by hand"})
+    ...     load_instances(folder) == [day], read_description(folder)["scenario"]
+    (True, {'origin': 'by hand'})
+    """
+    items = _checked(instances)
+    target = Path(folder).resolve()
+    replacing = os.path.lexists(target)
+    if replacing:
+        check_replaceable(Path(folder), overwrite)
+    contents = _contents(items, scenario)
+    try:
+        publish(target, contents, replacing)
+    except OSError as error:
+        stays = f"it is {set_aside(target)}: move it back" if set_aside(target) else "what was there before stays"
+        raise OptkitError(f"{folder} cannot be written ({error.strerror or error}); {stays}") from error
+    return Path(folder)
+
+
+def _checked(instances: Iterable[Instance]) -> list[Instance]:
+    if isinstance(instances, Instance):
+        raise InputError("instances is a single Instance: put it into a list")
+    items = list(instances)
+    for b, item in enumerate(items):
+        if not isinstance(item, Instance):
+            raise InputError(f"instances[{b}] is a {type(item).__name__}, not an Instance")
+        have, want = ((x.features.shape[1], x.n_groups) for x in (item, items[0]))
+        if have != want:
+            shapes = " and ".join(f"instances[{at}] has {k} and {D}" for at, (k, D) in ((b, have), (0, want)))
+            raise InputError(f"{shapes} features and groups: save them as separate sets")
+    return items
+
+
+def check_replaceable(folder: Path, overwrite: bool) -> None:
+    """Raise an InputError unless an existing folder is an instance set, and nothing else, that may be overwritten."""
+    if not overwrite:
+        raise InputError(f"{folder} exists: choose another folder, or pass overwrite=True to replace an instance set")
+    path = folder / "scenario.json"
+    document = parse(read_bytes(path)) if path.is_file() else None
+    if document is None or document.get("format") != FORMAT:
+        raise InputError(f"{folder} is not an instance set, so it stays: choose another folder, or remove it yourself")
+    foreign = foreign_entry(folder, (path.name, *(f"{table}.parquet" for table in COLUMNS)))
+    if foreign is not None:
+        raise InputError(f"{folder} also holds {foreign!r}: move that away, or choose another folder")
+
+
+def _contents(items: Sequence[Instance], scenario: dict[str, Any] | None) -> dict[str, bytes]:
+    """Return the bytes of every file of the set, by name."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    k, D = (items[0].features.shape[1], items[0].n_groups) if items else (0, 0)
+    rows = [_rows(item) for item in items]
+    contents, files = {}, {}
+    for table in COLUMNS:
+        schema = table_schema(table, k, D)
+        columns = {
+            name: np.concatenate([row[table][name] for row in rows] or [np.zeros(0)]) for name in schema.names[1:]
+        }
+        counts = [row[table][schema.names[1]].size for row in rows]
+        columns["instance"] = np.repeat(np.arange(len(items)), counts)
+        if table == "noise" and not sum(counts):
+            continue
+        arrays = [pa.array(columns[field.name], field.type, from_pandas=True) for field in schema]  # NaN becomes null
+        sink = pa.BufferOutputStream()  # floats gain nothing from a dictionary
+        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), sink, use_dictionary=COLUMNS[table][0])
+        contents[f"{table}.parquet"] = data = sink.getvalue().to_pybytes()
+        files[f"{table}.parquet"] = {"sha256": hashlib.sha256(data).hexdigest(), "rows": sum(counts)}
+    document = {"format": FORMAT, "schema": SCHEMA, "sha256": ZEROS.decode(), "optkit": __version__}
+    document |= {"scenario": {} if scenario is None else scenario, "features": k, "groups": D, "files": files}
+    document["instances"] = [_record(item) for item in items]
+    if not isinstance(document["scenario"], dict):
+        raise InputError(f"scenario is a {type(scenario).__name__}: give a dict of plain JSON values")
+    try:
+        raw = (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"scenario is not JSON ({error}): use plain numbers, strings, lists and dicts") from error
+    contents["scenario.json"] = raw.replace(ZEROS, seal(raw, ZEROS.decode()).encode(), 1)
+    return contents
+
+
+def _record(item: Instance) -> dict[str, Any]:
+    return {
+        "horizon": item.horizon,
+        "requests": item.n_requests,
+        "workers": item.n_workers,
+        "mu": item.mu.tolist(),
+        "outside_utility": np.asarray(item.outside_utility).tolist(),
+        "noise": _kind(item),
+    }
+
+
+def _kind(item: Instance) -> str:
+    return "none" if item.noise is None else "sparse" if sparse.issparse(item.noise) else "dense"
+
+
+def _rows(item: Instance) -> dict[str, Columns]:
+    """Return the rows that one instance adds to each table, by table and column."""
+    noise: Any = item.noise
+    kind = _kind(item)
+    if kind == "dense":
+        worker, request = np.indices(noise.shape).reshape(2, -1)
+        value = noise.ravel()
+    elif kind == "sparse":
+        worker = np.repeat(np.arange(item.n_workers), np.diff(noise.indptr))
+        request, value = noise.indices, noise.data
+    else:
+        worker, request, value = np.zeros(0, int), np.zeros(0, int), np.zeros(0)
+    names = ("arrival", "expiry", "pickup", "dropoff", "reward", "penalty")
+    requests = {"request": np.arange(item.n_requests)} | {name: getattr(item, name) for name in names}
+    requests |= {f"feature_{f}": x for f, x in enumerate(item.features.T)}
+    requests |= {f"utility_{d}": u for d, u in enumerate(item.utility)}
+    workers = {"worker": np.arange(item.n_workers), "step": item.worker_step, "group": item.worker_group}
+    outside = np.full(item.n_workers, np.nan) if item.outside_noise is None else item.outside_noise
+    pairs = {"worker": worker, "request": request, "noise": value}
+    return {"requests": requests, "workers": workers | {"outside_noise": outside}, "noise": pairs}

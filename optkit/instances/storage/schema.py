@@ -1,0 +1,114 @@
+"""Instance sets on disk: a folder of one JSON file and three tables that any language can read.
+
+========================  ============================================================================
+``scenario.json``         what the set is, how to check it, and one record per instance (UTF-8)
+``requests.parquet``      one row per request
+``workers.parquet``       one row per worker
+``noise.parquet``         one row per realised noise; absent when no instance has any
+========================  ============================================================================
+
+``scenario.json``, schema 1:
+
+===================  ============  ===================================================================
+key                  type          meaning
+===================  ============  ===================================================================
+format               string        ``"optkit-instances"``
+schema               integer       version of this description; a reader refuses a newer one
+sha256               string        of this file with these 64 digits replaced by zeros and without carriage
+                                   returns; optional: delete the entry when you edit the file
+optkit               string        version of optkit that wrote the set
+scenario             object        origin, settings, seeds: whatever the writer gave
+features, groups     integer       k and D, the same for every instance
+files                object        per table: ``sha256`` and ``rows``
+instances            array         per instance: ``horizon`` (steps), ``requests`` n, ``workers`` J, ``mu`` (D
+                                   numbers, money), ``outside_utility`` (number or D numbers, money),
+                                   ``noise`` (``"none"``, ``"dense"`` or ``"sparse"``)
+===================  ============  ===================================================================
+
+The tables are sorted by their index columns, which count from 0; int is int64, float is float64, nothing is null
+but ``outside_noise``:
+
+=========  ===========================  =====  =======================================================
+table      column                       type   meaning and unit
+=========  ===========================  =====  =======================================================
+requests   instance, request            int    index: every instance lists its requests 0..n-1
+requests   arrival, expiry              int    first and last step to serve it, inclusive; steps 0..T-1
+requests   reward, penalty              float  money; penalty <= 0
+requests   pickup, dropoff              int    location index
+requests   feature_0 .. feature_(k-1)   float  characteristics x of the request
+requests   utility_0 .. utility_(D-1)   float  mean utility of the request to each group, money
+workers    instance, worker             int    index: every instance lists its workers 0..J-1
+workers    step, group                  int    step at which the worker is seen; group 0..D-1
+workers    outside_noise                float  realised noise of rejecting, money; null if not realised
+noise      instance, worker, request    int    index; dense: every pair, sparse: the compatible pairs
+noise      noise                        float  realised noise of the pair, money
+=========  ===========================  =====  =======================================================
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from optkit.basics.errors import DataError
+
+FORMAT = "optkit-instances"
+SCHEMA = 1
+COLUMNS = {
+    "requests": (["instance", "request", "arrival", "expiry", "pickup", "dropoff"], ["reward", "penalty"]),
+    "workers": (["instance", "worker", "step", "group"], ["outside_noise"]),
+    "noise": (["instance", "worker", "request"], ["noise"]),
+}
+ZEROS = b"0" * 64
+
+Columns = dict[str, npt.NDArray[Any]]
+
+
+def table_schema(table: str, k: int, D: int) -> Any:
+    """Return the Arrow schema of a table with k features and D groups."""
+    import pyarrow as pa
+
+    integers, floats = COLUMNS[table]
+    if table == "requests":
+        floats = [*floats, *(f"feature_{f}" for f in range(k)), *(f"utility_{d}" for d in range(D))]
+    fields = [pa.field(name, pa.int64(), nullable=False) for name in integers]
+    return pa.schema(fields + [pa.field(name, pa.float64(), nullable=name == "outside_noise") for name in floats])
+
+
+def seal(raw: bytes, stated: object) -> str:
+    """Return the checksum of a description whose own checksum ``stated`` is blanked out."""
+    blank = raw.replace(b"\r", b"").replace(str(stated).encode(errors="replace"), ZEROS, 1)
+    return hashlib.sha256(blank).hexdigest()
+
+
+def parse(raw: bytes) -> dict[str, Any] | None:
+    """Return the JSON object that the bytes hold, or None."""
+    try:
+        document = json.loads(raw)
+    except (ValueError, RecursionError):
+        return None
+    return document if isinstance(document, dict) else None
+
+
+def is_number(value: Any, *, whole: bool = False) -> bool:
+    """Whether a JSON value is a number, or a whole one of at least 0."""
+    return (type(value) is int and (0 if whole else -(2**63)) <= value < 2**63) or (type(value) is float and not whole)
+
+
+def damaged(path: Path, what: str) -> DataError:
+    """Return the error that a file is not as it was written."""
+    return DataError(f"{path} {what}: copy the folder again from its source, or write it anew with save_instances")
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file, or raise a DataError that says why not."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise damaged(path, "is missing") from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read ({error.strerror}): check that it is a file you may read") from error

@@ -1,0 +1,1 @@
+"""Utilities and noise scales of workers, from logged offers."""

@@ -1,0 +1,259 @@
+"""Logged offers: what was shown to each worker, at which compensation, and what the worker took."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optkit.basics.arrays import Floats, Ints, count, floats, ints
+from optkit.basics.errors import DataError, InputError, InstanceError, OptkitError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCHEMA = 1
+"""Version of the file that :meth:`Offers.save` writes."""
+
+_WHOLE = ("situation", "group", "pickup", "dropoff")
+
+
+@dataclass(frozen=True, eq=False)
+class Offers:
+    """One row per request shown to a worker; the rows of one decision share their situation.
+
+    In a file the columns are these names, with ``feature_0``, ``feature_1``, ... for the features. A user's own table
+    needs ``situation``, ``compensation``, ``chosen`` and the features; the rest may be left out and is then 0.
+
+    Attributes
+    ----------
+    situation : (m,) int
+        Number of the decision. Rows of a situation need not stand together.
+    group : (m,) int
+        The worker's group, the same for all rows of a situation.
+    features : (m, k) float
+        Characteristics of the request.
+    pickup, dropoff : (m,) int
+        Locations of the request.
+    compensation : (m,) float
+        What was offered, in money.
+    chosen : (m,) bool
+        Whether the worker took the request: at most one row of a situation, none if the worker rejected all.
+    names : tuple of str
+        Names of the features.
+
+    Raises
+    ------
+    DataError
+        If a column is not made of finite numbers, a situation has two choices or two groups, or lengths differ.
+    """
+
+    situation: Ints
+    group: Ints
+    features: Floats
+    pickup: Ints
+    dropoff: Ints
+    compensation: Floats
+    chosen: Ints
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        try:
+            m = count("situation", self.situation)
+            for name in _WHOLE:
+                object.__setattr__(self, name, ints(name, getattr(self, name), (m,)))
+            chosen = np.asarray(self.chosen)
+            chosen = chosen.astype(int) if chosen.dtype == bool else chosen
+            object.__setattr__(self, "chosen", ints("chosen", chosen, (m,)))
+            object.__setattr__(self, "features", floats("features", self.features, (m, None)))
+            object.__setattr__(self, "compensation", floats("compensation", self.compensation, (m,)))
+        except InstanceError as error:
+            raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
+        names = self.names or tuple(f"feature_{f}" for f in range(self.features.shape[1]))
+        if len(names) != self.features.shape[1]:
+            raise DataError(f"offers: {len(names)} names for {self.features.shape[1]} features")
+        object.__setattr__(self, "names", tuple(names))
+        taken_names = {*_WHOLE, "compensation", "chosen", "constant", "mu"}
+        for at, name in enumerate(names):
+            if name in taken_names or name in names[:at] or re.fullmatch(r"(pickup|dropoff)_\d+", name):
+                raise DataError(f"offers: a feature cannot be called {name!r}: the name is taken; rename the column")
+        absurd = np.abs(self.compensation) > 1e100
+        if absurd.any():
+            i = int(absurd.argmax())
+            raise DataError(f"offers: compensation in row {i} is {self.compensation[i]:.3g}, beyond any money")
+        for name in ("group", "pickup", "dropoff"):
+            column = getattr(self, name)
+            wrong = (column < 0) | (column > 10_000)
+            if wrong.any():
+                i = int(wrong.argmax())
+                why = "negative" if column[i] < 0 else "too large"
+                raise DataError(f"offers: {name} in row {i} is {why}, {column[i]}; count from 0 without gaps")
+        if not np.isin(self.chosen, (0, 1)).all():
+            i = int((~np.isin(self.chosen, (0, 1))).argmax())
+            raise DataError(f"offers: chosen in row {i} is {self.chosen[i]}, neither 0 nor 1")
+        label, place = np.unique(self.situation, return_inverse=True)
+        taken = np.bincount(place, self.chosen)
+        if (taken > 1).any():
+            worst = label[taken.argmax()]
+            raise DataError(f"offers: situation {worst} has {int(taken.max())} choices; a worker takes one")
+        one = np.zeros(label.size, np.int64)
+        one[place] = self.group
+        if (one[place] != self.group).any():
+            i = int((one[place] != self.group).argmax())
+            raise DataError(f"offers: situation {self.situation[i]} has workers of two groups; it shows one worker")
+
+    def __len__(self) -> int:
+        return self.situation.size
+
+    @property
+    def n_situations(self) -> int:
+        """Number of decisions."""
+        return int(np.unique(self.situation).size)
+
+    @property
+    def n_choices(self) -> int:
+        """Number of decisions in which the worker took a request."""
+        return int(self.chosen.sum())
+
+    def take(self, rows: Any) -> Offers:
+        """Return some of the rows, by mask or by index."""
+        columns = ("situation", "group", "features", "pickup", "dropoff", "compensation", "chosen")
+        return Offers(**{name: getattr(self, name)[rows] for name in columns}, names=self.names)
+
+    @classmethod
+    def join(cls, parts: Sequence[Offers]) -> Offers:
+        """Put logs together; situations are numbered anew, so that none of two logs are mixed up.
+
+        Raises
+        ------
+        InputError
+            If there are no logs, or their features differ.
+        """
+        if not parts:
+            raise InputError("there are no offers to join")
+        if len({part.names for part in parts}) > 1:
+            raise InputError(f"logs with different features cannot be joined: {sorted({part.names for part in parts})}")
+        numbered, first = [], 0
+        for part in parts:
+            label, place = np.unique(part.situation, return_inverse=True)
+            numbered.append(place + first)
+            first += label.size
+        columns = ("group", "features", "pickup", "dropoff", "compensation", "chosen")
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
+        return cls(situation=np.concatenate(numbered), **joined, names=parts[0].names)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the log as a table, one row per request shown."""
+        import pandas as pd
+
+        left = pd.DataFrame({name: getattr(self, name) for name in _WHOLE})
+        features = pd.DataFrame(self.features, columns=list(self.names))
+        right = pd.DataFrame({"compensation": self.compensation, "chosen": self.chosen})
+        return pd.concat([left, features, right], axis=1)
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, features: Sequence[str] | None = None) -> Offers:
+        """Build a log from a table.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            With ``situation`` (numbers or names), ``compensation``, ``chosen`` and the features; ``group``, ``pickup``
+            and ``dropoff`` are 0 if they are missing.
+        features : sequence of str, optional
+            The columns that are features; all that have no other role by default.
+
+        Raises
+        ------
+        DataError
+            If a column is missing or holds something that it must not.
+        """
+        import pandas as pd
+
+        roles = (*_WHOLE, "compensation", "chosen")
+        chosen = [c for c in frame.columns if c not in roles] if features is None else list(features)
+        unnamed = [c for c in chosen if not str(c).strip() or str(c).startswith("Unnamed:")]
+        if unnamed:
+            raise DataError("the offers have a column without a name (a row number?): drop it, or name the features")
+        missing = [c for c in ("situation", "compensation", "chosen", *chosen) if c not in frame]
+        if missing:
+            have = ", ".join(map(str, frame.columns))
+            raise DataError(f"the offers have no column {', '.join(map(repr, missing))}; they have {have}")
+        if frame["situation"].isna().any():
+            raise DataError(f"offers: situation in row {int(frame['situation'].isna().argmax())} is empty")
+        code, _ = pd.factorize(frame["situation"])
+        columns: dict[str, Any] = {
+            name: frame[name].to_numpy() if name in frame else np.zeros(len(frame), int)
+            for name in ("group", "pickup", "dropoff", "compensation", "chosen")
+        }
+        matrix = np.empty((len(frame), len(chosen)))
+        for f, name in enumerate(chosen):
+            try:
+                matrix[:, f] = floats(str(name), frame[name].to_numpy(), (len(frame),))
+            except InstanceError as error:
+                raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
+        return cls(situation=code, features=matrix, names=tuple(map(str, chosen)), **columns)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the log to a parquet file, whole or not at all; situations are read back as 0, 1, ... in their order.
+
+        Raises
+        ------
+        OptkitError
+            If the disk refuses.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        target = Path(path)
+        if not target.name:
+            raise InputError(f"{str(path)!r} names no file to write the offers to")
+        table = pa.Table.from_pandas(self.to_frame(), preserve_index=False)
+        table = table.replace_schema_metadata({"optkit-offers": str(SCHEMA)})
+        staging = target.with_name(f".{target.name}.tmp")
+        try:
+            pq.write_table(table, staging)
+            os.replace(staging, target)
+        except OSError as error:
+            with suppress(OSError):
+                staging.unlink(missing_ok=True)
+            raise OptkitError(f"{target} cannot be written ({error.strerror or error})") from error
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], features: Sequence[str] | None = None) -> Offers:
+        """Read a log from parquet, as :meth:`save` writes it, or from a user's own parquet or CSV.
+
+        Raises
+        ------
+        DataError
+            If the file is missing, damaged or from a newer optkit, or a column is not as it must be.
+        """
+        import pandas as pd
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        source = Path(path)
+        try:
+            if source.suffix.lower() == ".parquet":
+                schema = (pq.read_schema(source).metadata or {}).get(b"optkit-offers", b"0")
+                if int(schema) > SCHEMA:
+                    raise DataError(f"{source} was written by a newer optkit (schema {int(schema)}): upgrade optkit")
+                frame = pd.read_parquet(source)
+            else:
+                frame = pd.read_csv(source)
+        except FileNotFoundError:
+            raise DataError(f"there is no file {source}") from None
+        except (OSError, ValueError, pa.ArrowException) as error:
+            why = (str(error) or type(error).__name__).splitlines()[0]
+            raise DataError(f"cannot read {source} ({why}); give a parquet or CSV file of offers") from error
+        try:
+            return cls.from_frame(frame, features)
+        except DataError as error:
+            raise DataError(f"{source}: {error}") from None

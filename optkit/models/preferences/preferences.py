@@ -1,0 +1,164 @@
+r"""What a platform believes of its workers: utilities and noise scale per group, with their standard errors.
+
+The index of an offer is (w'x + c)/mu (paper section 3.4). A conditional logit with the outside option estimates
+theta = (a, b) = (w/mu, 1/mu); with w = a/b, mu = 1/b and the Jacobian
+
+.. math:: \partial w / \partial a = \mu I, \quad \partial w / \partial b = -\mu w,
+          \quad \partial \mu / \partial b = -\mu^2
+
+the delta method carries the covariance of theta to that of (w, mu) (design section 4, "Estimation").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from optkit.basics.arrays import Floats, Ints
+from optkit.basics.errors import InputError
+from optkit.models.preferences.attributes import Attributes
+
+
+@dataclass(frozen=True, eq=False)
+class Preferences:
+    """Mean utilities w'x and noise scales mu of worker groups; a choice model for post-decision pricing.
+
+    The utility of rejecting is 0: the level of the utility is relative to it.
+
+    Attributes
+    ----------
+    attributes : Attributes
+        What x consists of.
+    weights : (G, p) float
+        w of each model, in money.
+    scale : (G,) float
+        mu of each model, in money.
+    covariance : tuple of (p + 1, p + 1) float, or empty
+        Covariance of (w, mu) of each model; empty where the preferences are not estimates.
+    pooled : bool
+        One model for all groups (single MNL); otherwise model d is that of group d (Multi MNL).
+    results : tuple
+        The estimation results, statsmodels style, one per model; empty where the preferences are not estimates.
+    """
+
+    attributes: Attributes
+    weights: Floats
+    scale: Floats
+    covariance: tuple[Floats, ...] = ()
+    pooled: bool = False
+    results: tuple[Any, ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        G, p = np.shape(self.weights)
+        if p != len(self.attributes.columns) or np.shape(self.scale) != (G,):
+            raise InputError(f"weights {np.shape(self.weights)} do not fit {len(self.attributes.columns)} columns")
+        if not (np.isfinite(self.weights).all() and np.isfinite(self.scale).all() and (self.scale > 0).all()):
+            raise InputError("preferences must be finite, and every mu positive")
+
+    def model_of(self, group: Ints) -> Ints:
+        """Return the number of the model that speaks for each worker group.
+
+        Raises
+        ------
+        InputError
+            If a group is unknown.
+        """
+        if self.pooled:
+            return np.zeros_like(group)
+        unknown = (group < 0) | (group >= len(self.scale))
+        if unknown.any():
+            raise InputError(f"worker group {int(group[unknown][0])} is unknown; there are 0..{len(self.scale) - 1}")
+        return group
+
+    def utility_of(self, features: Floats, pickup: Ints, dropoff: Ints, group: Ints) -> Floats:
+        """Mean utility of requests of shape (..., k), (...), (...) to workers of a group that broadcasts to (...)."""
+        x = self.attributes.matrix(features, pickup, dropoff)
+        return np.asarray((x * self.weights[self.model_of(group)]).sum(axis=-1))
+
+    def standard_error(self, features: Floats, pickup: Ints, dropoff: Ints, group: int) -> Floats:
+        """Return the delta-method standard error of the mean utility of n requests to one group, (n,), in money.
+
+        Raises
+        ------
+        InputError
+            If the preferences are no estimates.
+        """
+        if not self.covariance:
+            raise InputError("these preferences are no estimates: they have no standard errors")
+        x = self.attributes.matrix(features, pickup, dropoff)
+        C = self.covariance[int(self.model_of(np.array([group]))[0])][:-1, :-1]
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", x, C, x)))
+
+    # The choice model's protocol; a state is optkit.simulation.state.State or anything with the same arrays.
+    def utility(self, state: Any) -> Floats:
+        """Believed mean utility of each open request to the worker, (b, w), money."""
+        safe_pickup = np.where(state.offered, state.pickup, 0)
+        safe_dropoff = np.where(state.offered, state.dropoff, 0)
+        return self.utility_of(state.features, safe_pickup, safe_dropoff, state.group[:, None])
+
+    def mu(self, state: Any) -> Floats:
+        """Believed noise scale of each worker, (b,), money."""
+        return np.asarray(self.scale[self.model_of(state.group)])
+
+    def outside_utility(self, state: Any) -> Floats:
+        """Zeros, (b,): utilities are relative to rejecting."""
+        return np.zeros(len(state.group))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Attributes, weights and scales as plain data; not the estimation results."""
+        places = {name: int(getattr(self.attributes, name)) for name in ("pickups", "dropoffs")}
+        columns = {"names": list(self.attributes.names), **places, "reference": bool(self.attributes.reference)}
+        weights, scale, *covariance = (np.asarray(x).tolist() for x in (self.weights, self.scale, *self.covariance))
+        believed = {"weights": weights, "scale": scale, "pooled": bool(self.pooled)}
+        return {"attributes": columns, **believed, "covariance": covariance}
+
+    @classmethod
+    def from_dict(cls, plain: dict[str, Any]) -> Preferences:
+        """Make preferences again from :meth:`to_dict`.
+
+        Raises
+        ------
+        InputError
+            If the data are incomplete or do not fit together.
+        """
+        try:
+            columns = dict(plain["attributes"])
+            attributes = Attributes(tuple(columns.pop("names")), **columns)
+            weights, scale = (np.asarray(plain[name], dtype=float) for name in ("weights", "scale"))
+            covariance = tuple(np.asarray(one, dtype=float) for one in plain["covariance"])
+            return cls(attributes, weights, scale, covariance, bool(plain["pooled"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"preferences cannot be read: {error}") from None
+
+    def table(self) -> Any:
+        """Return a DataFrame with one row per model and parameter: ``estimate`` and ``standard_error``, in money."""
+        import pandas as pd
+
+        rows = []
+        for g, (w, mu) in enumerate(zip(self.weights, self.scale, strict=True)):
+            error = np.sqrt(np.diag(self.covariance[g])) if self.covariance else np.full(len(w) + 1, np.nan)
+            for name, value, se in zip((*self.attributes.columns, "mu"), (*w, mu), error, strict=True):
+                rows.append({"group": "all" if self.pooled else g, "parameter": name, "estimate": value})
+                rows[-1]["standard_error"] = se
+        return pd.DataFrame(rows)
+
+
+def from_index(a: Floats, b: float, covariance: Floats) -> tuple[Floats, float, Floats]:
+    """Turn theta = (w/mu, 1/mu) and its covariance into w, mu and theirs, by the delta method.
+
+    Examples
+    --------
+    >>> w, mu, C = from_index(np.array([-4.0]), 2.0, np.diag([0.01, 0.04]))
+    >>> w, mu, C.round(4).tolist()
+    (array([-2.]), 0.5, [[0.0425, -0.01], [-0.01, 0.0025]])
+    """
+    mu = 1.0 / b
+    w = a * mu
+    p = len(a)
+    J = np.zeros((p + 1, p + 1))
+    J[:p, :p] = mu * np.eye(p)
+    J[:p, p] = -mu * w
+    J[p, p] = -(mu**2)
+    return w, mu, J @ covariance @ J.T

@@ -1,0 +1,132 @@
+"""Optimal compensations for one decision, or for millions at once, and the certificate that proves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.errors import InputError
+from optkit.models.choice import softmax_with_outside
+from optkit.models.decision import Decisions, Floats
+from optkit.models.pricing import closed_form
+from optkit.models.pricing.certificate import PriceCertificate, certify
+
+__all__ = ["PriceCertificate", "Pricing", "certify", "optimal_prices"]
+
+
+@dataclass(frozen=True)
+class Pricing:
+    """Compensations and what they lead to.
+
+    Attributes
+    ----------
+    compensation : (..., n) float
+        Money; 0 where a request is not offered.
+    acceptance : (..., n) float
+        Probability that the worker takes each request.
+    rejection : (...) float
+        Probability that the worker takes none.
+    markup : (...) float
+        m = value - compensation, the same for every freely priced request, in money.
+    profit : (...) float
+        Expected profit ``sum_i P_i (v_i - c_i)``, in money.
+    """
+
+    compensation: Floats
+    acceptance: Floats
+    rejection: Floats
+    markup: Floats
+    profit: Floats
+
+
+def optimal_prices(
+    value: npt.ArrayLike,
+    utility: npt.ArrayLike,
+    mu: npt.ArrayLike = 1.0,
+    *,
+    outside_utility: npt.ArrayLike = 0.0,
+    nonnegative: bool | np.bool_ | Literal["clip"] = True,
+    offered: npt.ArrayLike | None = None,
+) -> Pricing:
+    r"""Profit-maximising compensations under multinomial logit.
+
+    Maximises :math:`\sum_i P_i(c) (v_i - c_i)`. The optimum has one markup: :math:`c_i = \max(0, v_i - m)` with
+    m = mu + profit, where m solves an equation in Lambert's W (:mod:`optkit.models.pricing.closed_form`).
+
+    Parameters
+    ----------
+    value : (..., n) float
+        What serving request i now is worth before paying for it: reward, less the penalty if it expires now, less its
+        opportunity cost. Money.
+    utility : (..., n) float
+        Mean utility of the request to the worker, in money.
+    mu, outside_utility : (...) float
+        Noise scale (positive) and utility of rejecting everything, in money; one number, or one per decision.
+    nonnegative : True, False or "clip"
+        True (default): exact optimum over c >= 0. False: the paper's Lemma 3, prices of either sign. "clip": Lemma 3
+        with negative prices set to 0, as the paper does; it can lose money, and is here for comparison.
+    offered : (..., n) bool, optional
+        Which requests are on offer; all by default.
+
+    Returns
+    -------
+    Pricing
+        With ``compensation``, ``acceptance``, ``rejection``, ``markup`` and ``profit``. With nothing on offer the
+        profit is 0, the rejection 1 and the markup mu.
+
+    Raises
+    ------
+    InputError
+        If an entry is not finite, mu is not positive, shapes do not fit, or ``nonnegative`` is unknown.
+
+    See Also
+    --------
+    certify : prove that given prices are optimal.
+    optkit.models.pricing_program.PricingProgram : the same problem for a convex solver.
+
+    Notes
+    -----
+    Paper section 3.2, Lemma 3 and appendix A.3; design section 4. An offered request with a negative value stays on
+    offer at compensation 0, and a worker who likes it may take it: the profit counts that, and may be negative.
+
+    Examples
+    --------
+    The paper's clipping loses money; the exact form does not.
+
+    >>> value, utility = [1.0, 2.0, 6.0], [2.0, 1.0, -3.0]
+    >>> [optimal_prices(value, utility, nonnegative=how).profit.round(4) for how in (True, "clip")]
+    [np.float64(1.3305), np.float64(1.2903)]
+    """
+    d = Decisions.of(value, utility, mu, outside_utility, offered)
+    if isinstance(nonnegative, np.bool_):
+        nonnegative = bool(nonnegative)
+    if nonnegative is True:
+        found = closed_form.nonnegative(d)
+    elif nonnegative is False or (isinstance(nonnegative, str) and nonnegative == "clip"):
+        found = closed_form.unconstrained(d)
+    else:
+        raise InputError(f"nonnegative = {nonnegative!r} is unknown; it is True, False or 'clip'")
+    markup, profit = d.mu * (1.0 + found.ratio), d.mu * found.ratio
+    compensation = d.value - markup
+    acceptance, rejection = found.acceptance, found.rejection
+    if found.held is not None or nonnegative == "clip":
+        compensation = np.maximum(compensation, 0.0)
+    if nonnegative == "clip":
+        logit = Decisions.of(
+            compensation.reshape(*d.shape, d.value.shape[1]), utility, mu, outside_utility, offered
+        ).advantage
+        acceptance, rejection = softmax_with_outside(logit)
+        profit = (acceptance * (d.value - compensation)).sum(axis=1, keepdims=True)
+    if d.offered is not None:
+        compensation = np.where(d.offered, compensation, 0.0)
+    n = compensation.shape[1]
+    return Pricing(
+        compensation=compensation.reshape(*d.shape, n),
+        acceptance=acceptance.reshape(*d.shape, n),
+        rejection=rejection.reshape(d.shape)[()],
+        markup=markup.reshape(d.shape)[()],
+        profit=profit.reshape(d.shape)[()],
+    )

@@ -1,0 +1,1 @@
+"""The paper's attention network as a value function; needs PyTorch."""

@@ -1,0 +1,138 @@
+"""How well a policy did: the paper's performance ratio, and means with paired confidence intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from optkit.basics.errors import InputError
+from optkit.instances.instance import Floats
+
+
+def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, total_penalty: npt.ArrayLike) -> Floats:
+    r"""Performance ratio of each instance, in per cent (paper section 4.3).
+
+    .. math:: 100 \Big(1 - \frac{\rho^{opt} - \rho^{alg}}{\rho^{opt} - \sum_i \beta_i}\Big)
+
+    It is 100 for the full-information solution and 0 for a platform that lets every request expire.
+
+    Parameters
+    ----------
+    reward : (B,) float
+        What the policy earned, in money.
+    full_information : (B,) float
+        The full-information bound, in money.
+    total_penalty : (B,) float
+        Sum of the penalties of all requests, in money, at most 0.
+
+    Returns
+    -------
+    (B,) float
+        Where nothing can be gained (the bound equals the penalties) the ratio is 100 if the policy gets that much, and
+        ``-inf`` if it gets less.
+
+    Raises
+    ------
+    InputError
+        If lengths differ, numbers are not finite, or a bound lies below the penalties.
+
+    Examples
+    --------
+    >>> performance_ratio([80.0, -20.0], [100.0, 100.0], [-20.0, -20.0])
+    array([83.33333333,   0.        ])
+    """
+    earned, best, least = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (reward, full_information, total_penalty))
+    if not earned.shape == best.shape == least.shape:
+        raise InputError(
+            f"lengths differ: reward {earned.shape}, full_information {best.shape}, total_penalty {least.shape}"
+        )
+    if not np.isfinite([earned, best, least]).all():
+        raise InputError("reward, full_information and total_penalty must be finite numbers")
+    room, short = best - least, best - earned
+    rounding = 1e-9 * np.maximum(1.0, np.abs(best))
+    if (room < -rounding).any():
+        b = int((room < -rounding).argmax())
+        raise InputError(
+            f"full_information[{b}] = {best[b]:g} lies below the penalties {least[b]:g}: no bound does; "
+            f"are the arguments in order (reward, full_information, total_penalty)?"
+        )
+    gained = room > rounding
+    ratio = np.where(short <= rounding, 100.0, -np.inf)
+    ratio[gained] = 100.0 * (1.0 - short[gained] / room[gained])
+    return ratio
+
+
+@dataclass(frozen=True)
+class MeanInterval:
+    """A mean with its spread and a Student confidence interval.
+
+    Attributes
+    ----------
+    mean, std : float
+        Mean and standard deviation over instances.
+    low, high : float
+        Confidence interval of the mean.
+    count : int
+        Number of instances.
+    """
+
+    mean: float
+    std: float
+    low: float
+    high: float
+    count: int
+
+
+def mean_interval(
+    values: npt.ArrayLike, baseline: npt.ArrayLike | None = None, *, confidence: float = 0.95
+) -> MeanInterval:
+    """Mean of values over instances, or of their paired differences to a baseline on the same instances.
+
+    Pairing removes what instances have in common, so that small differences between policies show.
+
+    Parameters
+    ----------
+    values : (B,) float
+        One number for each instance.
+    baseline : (B,) float, optional
+        Same instances, same order.
+    confidence : float
+        Coverage of the interval, in (0, 1).
+
+    Returns
+    -------
+    MeanInterval
+        With one instance the mean alone; the rest is NaN.
+
+    Raises
+    ------
+    InputError
+        If there are no values, one is not finite, lengths differ, or the confidence is out of range.
+
+    Examples
+    --------
+    >>> mean_interval([3.0, 5.0, 7.0], [2.0, 4.0, 6.0]).mean
+    1.0
+    """
+    x = np.asarray(values, dtype=float)
+    if baseline is not None:
+        base = np.asarray(baseline, dtype=float)
+        if base.shape != x.shape:
+            raise InputError(f"pairing needs the same instances: {x.shape} values against {base.shape} of the baseline")
+        x = x - base
+    if x.ndim != 1 or x.size == 0:
+        raise InputError(f"a mean needs one value per instance, at least one; got shape {x.shape}")
+    if not np.isfinite(x).all():
+        b = int((~np.isfinite(x)).argmax())
+        raise InputError(f"value {b} is {x[b]}; a mean needs finite numbers")
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence = {confidence} is not between 0 and 1")
+    mean = float(x.mean())
+    if x.size == 1:
+        return MeanInterval(mean, float("nan"), float("nan"), float("nan"), 1)
+    std = float(x.std(ddof=1))
+    half = float(stats.t.ppf(0.5 + confidence / 2, x.size - 1) * std / np.sqrt(x.size))
+    return MeanInterval(mean, std, mean - half, mean + half, x.size)

@@ -1,0 +1,213 @@
+"""The Markov decision process of paper section 2, stepped through many instances at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.errors import PolicyError
+from optkit.instances.instance import Floats, Instance, Ints
+from optkit.simulation.batch import Batch
+from optkit.simulation.state import Bools, State
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Policy = Callable[[State], npt.ArrayLike]
+"""Any callable from a :class:`optkit.simulation.state.State` to compensations (b, w), in money, at least 0."""
+
+Observer = Callable[[State, Floats, Ints], Any]
+"""Called after each step's choices with the state, the compensations (b, w), and the column taken (b,), -1 for none."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What happened in B simulated runs.
+
+    Attributes
+    ----------
+    reward : (B,) float
+        Total reward: margins of accepted requests plus penalties of expired ones, in money.
+    margin, penalty : (B,) float
+        Its two parts.
+    accepted : (B, J) int
+        Request that each worker took, -1 for none; padded with -1 to the largest number of workers.
+    compensation : (B, J) float
+        What the worker was paid, in money; NaN for none.
+    expired : (B, n) bool
+        Which requests expired unserved; padded with False to the largest number of requests.
+    """
+
+    reward: Floats
+    margin: Floats
+    penalty: Floats
+    accepted: Ints
+    compensation: Floats
+    expired: Bools
+
+    @property
+    def served(self) -> Ints:
+        """Number of requests served in each run, (B,)."""
+        return np.asarray((self.accepted >= 0).sum(axis=1))
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per accepted request: ``run``, ``worker``, ``request``, ``compensation``."""
+        import pandas as pd
+
+        run, worker = np.nonzero(self.accepted >= 0)
+        columns = {"run": run, "worker": worker, "request": self.accepted[run, worker]}
+        return pd.DataFrame({**columns, "compensation": self.compensation[run, worker]})
+
+
+def simulate(
+    instances: Instance | Sequence[Instance] | Batch, policy: Policy, *, observe: Observer | None = None
+) -> Simulation:
+    """Run a policy through instances, all in lockstep.
+
+    At each step the requests that arrive join the open ones; the worker, if there is one, sees a compensation for each
+    and takes the request of highest utility plus compensation plus noise, or none if rejecting is better; then the
+    requests whose last step this is expire. The noise is the instances' own, so every policy meets the same.
+
+    Parameters
+    ----------
+    instances : sequence of Instance, or one
+        Their noise must be realised.
+    policy : callable
+        Takes a :class:`optkit.simulation.state.State`, returns compensations (b, w); see ``CONTRIBUTING.md`` for a
+        worked example.
+    observe : callable, optional
+        Called at every step in which somebody decides, with the state, the compensations and the choices.
+
+    Returns
+    -------
+    Simulation
+        What was earned and who took what, instance by instance.
+
+    Raises
+    ------
+    PolicyError
+        If the policy returns the wrong shape, NaN, infinity or a negative compensation.
+    InputError, InstanceError
+        If the instances do not fit together or have no noise.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> instances = scenario("I.1", seed=0).sample(2, seed=1)
+    >>> half = simulate(instances, lambda state: 0.5 * state.reward)
+    >>> bool(np.allclose(half.reward, half.margin + half.penalty))
+    True
+    """
+    batch = Batch.of(instances)
+    return run(batch, policy, np.arange(len(batch)), observe=observe)
+
+
+def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | None = None) -> Simulation:
+    """Simulate R runs, where run r goes through instance ``instance[r]``; several runs may share an instance."""
+    R = instance.size
+    J = int(np.diff(batch.worker_start).max(initial=0))
+    n = int(np.diff(batch.request_start).max(initial=0))
+    margin, penalty = np.zeros(R), np.zeros(R)
+    accepted = np.full((R, J), -1, dtype=np.int64)
+    paid = np.full((R, J), np.nan)
+    expired = np.zeros((R, n), dtype=bool)
+    order, begin = batch.arrivals
+    open_ = np.empty((R, 0), dtype=np.int64)  # open requests, packed to the left, -1 beyond
+    for step in range(batch.horizon):
+        open_ = _arrive(open_, order, begin[step, instance], begin[step + 1, instance])
+        if open_.shape[1] == 0:
+            continue
+        worker = batch.worker_at[step, instance]
+        row = np.flatnonzero((worker >= 0) & (open_[:, 0] >= 0))
+        if row.size:
+            state = _state(batch, step, row, instance[row], worker[row], open_[row])
+            offer = _checked(policy(state), state)
+            taken = _choose(state, offer)
+            if observe is not None:
+                observe(state, offer, taken)
+            at = np.flatnonzero(taken >= 0)
+            request, pay = state.request[at, taken[at]], offer[at, taken[at]]
+            j = state.worker[at] - batch.worker_start[state.instance[at]]
+            accepted[row[at], j] = request - batch.request_start[state.instance[at]]
+            paid[row[at], j] = pay
+            margin[row[at]] += batch.reward[request] - pay
+            open_[row[at], taken[at]] = -1
+        over = (open_ >= 0) & (batch.expiry.take(open_, mode="wrap") == step)
+        r, w = np.nonzero(over)
+        if r.size:
+            request = open_[r, w]
+            penalty += np.bincount(r, batch.penalty[request], minlength=R)
+            expired[r, request - batch.request_start[instance[r]]] = True
+            open_[over] = -1
+    return Simulation(margin + penalty, margin, penalty, accepted, paid, expired)
+
+
+def _arrive(open_: Ints, order: Ints, begin: Ints, end: Ints) -> Ints:
+    """Add columns for the requests that arrive, then close the gaps that earlier steps left."""
+    most = int((end - begin).max(initial=0))
+    if most == 0:
+        return _pack(open_)
+    place = begin[:, None] + np.arange(most)
+    new = np.where(place < end[:, None], order.take(place, mode="clip"), -1)
+    return _pack(np.concatenate([open_, new], axis=1))
+
+
+def _pack(open_: Ints) -> Ints:
+    """Move the open requests of each row to the left, in order, and drop columns that are padding everywhere."""
+    keep = open_ >= 0
+    count = keep.sum(axis=1)
+    packed = np.full((len(open_), int(count.max(initial=0))), -1, dtype=np.int64)
+    packed[np.arange(packed.shape[1]) < count[:, None]] = open_[keep]
+    return packed
+
+
+def _state(batch: Batch, step: int, row: Ints, instance: Ints, worker: Ints, open_: Ints) -> State:
+    offered = open_ >= 0
+    width = int(offered.sum(axis=1).max())
+    offered, open_ = offered[:, :width], open_[:, :width]
+    request = np.where(offered, open_, batch.request_start[-1])
+    # A policy that wrote into what it sees would change the world.
+    for seen in (row, instance, worker, request, offered):
+        seen.flags.writeable = False
+    return State(batch, step, row, instance, worker, request, offered)
+
+
+def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
+    """Return compensations as floats, 0 where nothing is offered, or raise a PolicyError naming the first offence."""
+    try:
+        given = np.asarray(compensation)
+        if given.dtype.kind not in "fiubO":
+            raise TypeError
+        offer = given.astype(float)
+    except (TypeError, ValueError):
+        raise PolicyError(
+            f"the policy returned something that is not an array of numbers at step {state.step}; return (b, w) floats"
+        ) from None
+    if offer.shape != state.offered.shape:
+        shapes = f"shape {offer.shape} at step {state.step} for {state.offered.shape} decisions and requests"
+        raise PolicyError(f"the policy returned {shapes}; return a compensation for each")
+    # NaN fails the comparison too.
+    wrong = state.offered & ~((offer >= 0) & (offer < np.inf))
+    if wrong.any():
+        b, w = np.argwhere(wrong)[0]
+        request = state.request[b, w] - state.batch.request_start[state.instance[b]]
+        raise PolicyError(
+            f"the policy offers {offer[b, w]} for request {request} of instance {state.instance[b]} "
+            f"at step {state.step}; a compensation is a finite number >= 0"
+        )
+    offer = np.where(state.offered, offer, 0.0)
+    offer.flags.writeable = False
+    return offer
+
+
+def _choose(state: State, offer: Floats) -> Ints:
+    """Column of the request that each worker takes, (b,), -1 for none. A worker who is indifferent accepts."""
+    noise = state.batch.noise(state.worker, state.request)
+    total = np.where(state.offered, state.utility + offer + noise, -np.inf)
+    best = total.argmax(axis=1)
+    outside = state.outside_utility + state.batch.outside_noise[state.worker]
+    return np.where(total[np.arange(best.size), best] >= outside, best, -1)

@@ -1,0 +1,235 @@
+"""optkit certify, called as a user calls it."""
+
+import json
+import re
+import signal
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from optkit.basics.plain_json import to_json
+from optkit.cli import main
+from optkit.gap.report import gap_report
+from optkit.instances.catalogue import scenario
+from optkit.instances.storage import save_instances
+from optkit.learning.training import train
+
+SETTINGS = {"split": (40, 4, 10), "horizon": 15}
+SMALL = ["--set", "split=40,4,10", "--set", "horizon=15"]
+
+
+@pytest.fixture
+def certify(monkeypatch, capsys):
+    """Run the verb in this process; return exit status, output and errors."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["optkit", "certify", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return left.value.code or 0, *capsys.readouterr()
+
+    yield run
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(scope="module")
+def sets(tmp_path_factory):
+    """Train, test and validation sets as optkit generate writes them."""
+    folder = tmp_path_factory.mktemp("sets") / "mine"
+    source = scenario("I.2", seed=0, **SETTINGS)
+    for part, instances in source.split()._asdict().items():
+        told = json.loads(to_json(source.describe() | {"part": part}))
+        save_instances(folder / part, instances, scenario=told)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """The same without a word of where they come from."""
+    folder = tmp_path_factory.mktemp("sets") / "own"
+    for part, instances in scenario("I.2", seed=0, **SETTINGS).split()._asdict().items():
+        save_instances(folder / part, instances)
+    return folder
+
+
+def strict(text):
+    """Parse JSON that every reader takes."""
+    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+
+
+def test_a_scenario_is_certified(certify, tmp_path):
+    """Bounds, policies, gaps and assumptions as JSON; rows and a figure beside, with the same numbers."""
+    rows, figure = tmp_path / "rows.csv", tmp_path / "ladder.png"
+    status, out, _ = certify("I.2", *SMALL, "--json", "--out", rows, "--plot", figure)
+    assert status == 0
+    told = strict(out)
+    assert [row["kind"] for row in told["bounds"]] == ["full", "lagrangian", "arrival", "penalised"]
+    assert [row["policy"] for row in told["policies"]] == ["myopic", "linear"]
+    assert told["instances"] == 4
+    frame = pd.read_csv(rows)
+    gap = next(row for row in told["gaps"] if (row["policy"], row["bound"]) == ("linear", "arrival"))
+    assert gap["money"] == pytest.approx((frame["bound: arrival"] - frame["policy: linear"]).mean(), rel=1e-9)
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_folder_that_tells_its_scenario_is_certified_alike(certify, sets):
+    """scenario.json names the process: the same bounds as for the scenario itself, and it is said."""
+    asked = ["--policy", "myopic", "--policy", "charging", "--json"]
+    from_name = strict(certify("I.2", *SMALL, *asked)[1])
+    from_folder = strict(certify(sets, *asked)[1])
+    for table in ("bounds", "policies", "gaps"):
+        for one, other in zip(from_name[table], from_folder[table], strict=True):
+            assert {k: v for k, v in one.items() if k != "seconds"} == {
+                k: v for k, v in other.items() if k != "seconds"
+            }
+    assert any("as scenario.json says" in told for told in from_folder["assumptions"])
+
+
+def test_a_folder_of_ones_own(certify, own):
+    """Without a process there is no penalised bound; with a worker rate there is, and what it assumes is said."""
+    plain = strict(certify(own, "--policy", "myopic", "--json")[1])
+    assert [row["kind"] for row in plain["bounds"]] == ["full", "lagrangian", "arrival"]
+    given = strict(certify(own, "--policy", "myopic", "--worker-rate", 0.5, "--json")[1])
+    assert given["bounds"][-1]["kind"] == "penalised"
+    assert any("assumed to join a queue at 0.5 a step" in told for told in given["assumptions"])
+    assert [row["money"] for row in plain["gaps"]] == pytest.approx(
+        [row["money"] for row in given["gaps"] if row["bound"] != "penalised"]
+    )
+
+
+def test_a_trained_policy_s_file(certify, own, tmp_path):
+    """A file of optkit train is a policy under its stem, and earns what the policy itself earns."""
+    split = scenario("I.2", seed=0, **SETTINGS).split()
+    file = train(split, choice="true").save(tmp_path / "patient.json")
+    told = strict(certify(own, "--policy", file, "--policy", "linear", "--kinds", "arrival", "--json")[1])
+    patient, linear = told["policies"]
+    assert patient["policy"] == "patient"
+    assert patient["money"] == pytest.approx(linear["money"], rel=1e-12)
+
+
+OWN = """
+SHARE = 0.5
+
+def half(state):
+    return SHARE * state.reward
+
+class Third:
+    def __call__(self, state):
+        return state.reward / 3
+
+five = 5
+"""
+
+
+def test_policies_of_ones_own(certify, own, tmp_path):
+    """A folder and a policy that optkit has never seen, in two processes; the numbers are those of gap_report."""
+    (tmp_path / "own.py").write_text(OWN)
+    named = [f"--policy={tmp_path}/own.py:{name}" for name in ("half", "Third")]
+    status, out, _ = certify(own, *named, "--json", "--jobs", 2)
+    found = {row["policy"]: row["money"] for row in strict(out)["policies"]}
+    assert status == 0
+    days = scenario("I.2", seed=0, **SETTINGS).split().test
+    report = gap_report(days, {"half": lambda state: 0.5 * state.reward, "Third": lambda state: state.reward / 3})
+    assert found == dict(zip(report.policies["policy"], report.policies["money"], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("code", "name", "message"),
+    [
+        (OWN, "gone", "defines no policy gone"),
+        (OWN, "five", "defines no policy five"),
+        ("1 / 0", "half", r"failed \(ZeroDivisionError: division by zero\)"),
+        ("def (", "half", "SyntaxError"),
+    ],
+)
+def test_a_policy_that_cannot_be_had_is_said(certify, own, tmp_path, code, name, message):
+    (tmp_path / "own.py").write_text(code)
+    status, _, err = certify(own, "--policy", f"{tmp_path}/own.py:{name}")
+    assert status == 2
+    assert re.search(message, err)
+    assert certify(own, "--policy", f"{tmp_path}/none.py:half")[2].endswith(
+        "there is no file " + f"{tmp_path}/none.py\n"
+    )
+
+
+def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):
+    """Nobody records the noise; with it drawn everything goes on, alike each time."""
+    for part, instances in scenario("I.2", seed=0, **SETTINGS).split()._asdict().items():
+        bare = [replace(day, noise=None, outside_noise=None) for day in instances]
+        save_instances(tmp_path / part, bare)
+    status, out, _ = certify(tmp_path, "--worker-rate", 0.5, "--json")
+    assert status == 0
+    assert "noise: drawn here for 54 instances of the folder, which have none" in strict(out)["assumptions"]
+    again = strict(certify(tmp_path, "--worker-rate", 0.5, "--json")[1])
+    assert again["gaps"] == strict(out)["gaps"]
+
+
+def test_text_and_more_instances(certify):
+    """The text holds the claim and the assumptions; a scenario draws more instances than its split has."""
+    status, out, _ = certify("I.2", *SMALL, "--kinds", "arrival", "--policy", "myopic", "--instances", 6)
+    assert status == 0
+    assert "6 test instances" in out
+    assert "myopic is at most" in out
+    assert "assumed: intervals" in out
+    assert "penalised" not in out
+
+
+def test_a_stopped_report_goes_on(certify, tmp_path):
+    """The same command goes on from its checkpoint, in two processes too; another command does not."""
+    kept = tmp_path / "rows.jsonl"
+    asked = ["I.2", *SMALL, "--kinds", "arrival", "--policy", "myopic", "--json", "--checkpoint", kept]
+    first = strict(certify(*asked)[1])
+    lines = kept.read_text().splitlines()
+    assert len(lines) == 5
+    kept.write_text("\n".join(lines[:3]) + "\n")
+    again = strict(certify(*asked, "--jobs", 2)[1])
+    assert [row["points"] for row in again["gaps"]] == [row["points"] for row in first["gaps"]]
+    status, _, told = certify(*asked, "--limit", 3)
+    assert status == 2
+    assert "other instances, policies or settings" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["I.9"], "neither a scenario"),
+        (["I.2", "--policy", "nonsense"], "--policy nonsense"),
+        (["I.2", "--policy", "missing.json"], "missing.json cannot be read"),
+        (["I.2", "--policy", "linear", "--policy", "linear"], "two of the policies are called linear"),
+        (["I.2", "--policy", "charging", "--kinds", "arrival", *SMALL], "no penalised bound"),
+        (["I.2", "--worker-rate", "0.5"], "--worker-rate goes with a folder"),
+        (["I.2", "--group-share", "0.5,0.5"], "--group-share goes with"),
+        (["I.2", "--group-share", "half"], "--group-share half"),
+        (["I.2", "--out", "rows.txt"], "must be a file that ends in"),
+        (["I.2", "--plot", "rows.txt"], "must be a file that ends in"),
+        (["I.2", "--kinds", "nonsense"], "no bound 'nonsense'"),
+    ],
+)
+def test_bad_input_is_one_line(certify, arguments, message):
+    """What is wrong is said in one line with exit status 2."""
+    status, out, told = certify(*arguments)
+    assert status == 2
+    assert message in told
+    assert told.count("\n") == 1
+    assert out == ""
+
+
+def test_what_a_folder_cannot_give_is_said(certify, own, sets):
+    """A penalised bound without a process, and more instances than there are."""
+    assert "--worker-rate" in certify(own, "--kinds", "penalised")[2]
+    assert "has 4 test instances" in certify(sets, "--instances", 9)[2]
+
+
+def test_groups_need_their_shares(certify, tmp_path):
+    """With several groups, how they are shared is part of the process."""
+    save_instances(tmp_path / "two", scenario("II", seed=0, horizon=10).sample(12, seed=1))
+    asked = [tmp_path / "two", "--policy", "myopic", "--worker-rate", 0.5]
+    assert "3 groups of workers" in certify(*asked)[2]
+    status, out, _ = certify(*asked, "--group-share", "0.25,0.25,0.5", "--json")
+    assert status == 0
+    assert any("0.25, 0.25, 0.5" in told for told in strict(out)["assumptions"])
+    assert np.isfinite(strict(out)["bounds"][-1]["money"])

@@ -1,0 +1,388 @@
+"""optkit train and optkit evaluate, called as a user calls them."""
+
+import json
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from optkit import scenario, simulate
+from optkit.basics.errors import SolverError, TrainingError
+from optkit.bounds import full_information
+from optkit.cli import main
+from optkit.cli.evaluate import MYOPIC
+from optkit.evaluation import main_job
+from optkit.evaluation.comparison import compare
+from optkit.instances.storage import save_instances
+from optkit.learning.trained import Trained
+from optkit.learning.training import train
+from optkit.models.value import LinearValue
+from optkit.policies import PostDecisionPricing
+
+SMALL = ["--set", "split=60,20,10"]
+RUN = [sys.executable, "-c", "from optkit.cli import main; main()"]
+COMMON = {"capture_output": True, "text": True, "timeout": 120, "check": False}
+
+
+@pytest.fixture
+def optkit(monkeypatch, capsys):
+    """Run the command line in this process; return exit status, output and errors."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["optkit", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return left.value.code or 0, *capsys.readouterr()
+
+    yield run
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(scope="module")
+def split():
+    """The instances that SMALL asks for."""
+    return scenario("I.1", seed=0, split=(60, 20, 10)).split()
+
+
+@pytest.fixture(scope="module")
+def file(split, tmp_path_factory):
+    """A policy with learned preferences, on disk."""
+    return train(split).save(tmp_path_factory.mktemp("trained") / "learned.json")
+
+
+def strict(text):
+    """Parse JSON that every reader takes."""
+    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+
+
+def test_train_and_evaluate_in_processes_of_their_own(tmp_path, split):
+    """optkit train writes the library's policy and shows its course; optkit evaluate shows what it earns."""
+    path = tmp_path / "policy.json"
+    done = subprocess.run([*RUN, "train", "I.1", *SMALL, "--out", path], **COMMON)
+    assert done.returncode == 0, done.stderr
+    expected = train(split)
+    assert Trained.load(path).value.to_dict() == expected.value.to_dict()
+    for row in expected.record:
+        assert f"{row['score']:.2f}" in done.stdout
+        assert f"{row['residual']:.3f}" in done.stdout
+    best = max(expected.record, key=lambda row: row["score"])
+    assert f"chosen: seed 0, round {best['round']}: the best on validation instances" in done.stdout
+    assert str(path) in done.stdout
+    done = subprocess.run([*RUN, "evaluate", path, "I.1", *SMALL], **COMMON)
+    assert done.returncode == 0, done.stderr
+    myopic = PostDecisionPricing(choice=expected.preferences)
+    bounds = [full_information(day) for day in split.test]
+    table = compare(split.test, {"myopic": myopic, "policy.json": expected.policy}, bounds).table
+    for _, row in table.iterrows():
+        assert f"{row['ratio']:.2f}" in done.stdout
+    assert f"{table['difference'][1]:+.2f}" in done.stdout
+    assert "policy.json" in done.stdout
+
+
+def test_options_reach_the_training(optkit, tmp_path):
+    """The file holds the settings that were asked for, --json tells them, and the record has every round."""
+    options = ["--value", "kernel", "--choice", "pooled", "--deviations", "6,3,1", "--discount", 0.9]
+    path = tmp_path / "p.json"
+    code, out, err = optkit(
+        "train", "II", *SMALL, *options, "--seeds", 2, "--training-seed", 5, "--out", path, "--json"
+    )
+    told, found = strict(out), Trained.load(path)
+    assert (code, err) == (0, "")
+    settings = {"deviations": [6.0, 3.0, 1.0], "discount": 0.9, "seeds": 2, "seed": 5}
+    assert told["settings"] == settings
+    assert found.settings == settings
+    assert found.source == {"choice": "pooled", "instances": 60, "horizon": 50}
+    assert type(found.value).__name__ == "KernelValue"
+    assert found.preferences.pooled
+    assert told["record"] == found.record
+    assert told["chosen"]["score"] == found.score
+    assert [row["deviation"] for row in found.record[:2]] == [6.0, 3.0]
+
+
+def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
+    """--instances draws them in place of the split's, and in proportion to choose by; the output says how many."""
+    path = tmp_path / "p.json"
+    options = ["--choice", "true", "--instances", 90, "--out", path]
+    code, out, _ = optkit("train", "I.1", *SMALL, *options, "--quiet")
+    assert code == 0
+    assert "instances: 90 for training, 15 for validation" in out
+    expected = train(scenario("I.1", seed=0, split=(60, 20, 10)), choice="true", instances=90)
+    assert Trained.load(path).value.to_dict() == expected.value.to_dict()
+    folder = save_instances(tmp_path / "days", scenario("I.1", seed=0).sample(20, seed=1))
+    code, _, err = optkit("train", folder, *options, "--quiet")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "can be drawn from a scenario only" in err
+
+
+def test_the_world_s_seed_is_the_training_s_too(optkit, tmp_path):
+    """As in optkit run, one seed serves for both unless another is given."""
+    optkit("train", "I.1", *SMALL, "--seed", 3, "--choice", "true", "--out", tmp_path / "p.json", "--quiet")
+    expected = train(scenario("I.1", seed=3, split=(60, 20, 10)).split(), choice="true", seed=3)
+    assert Trained.load(tmp_path / "p.json").value.to_dict() == expected.value.to_dict()
+
+
+def test_folders_are_split_as_run_splits_them(optkit, tmp_path, split):
+    """The parts of a folder serve for what they are called; without validation instances the last round is taken."""
+    for part in ("train", "validation"):
+        save_instances(tmp_path / "set" / part, getattr(split, part))
+    optkit("train", tmp_path / "set", "--choice", "true", "--out", tmp_path / "p.json")
+    expected = train(split, choice="true")
+    assert Trained.load(tmp_path / "p.json").value.to_dict() == expected.value.to_dict()
+    save_instances(tmp_path / "bare" / "train", split.train)
+    code, out, _ = optkit("train", tmp_path / "bare", "--choice", "true", "--out", tmp_path / "q.json")
+    assert code == 0
+    assert "round 2: the last, for there are no validation instances" in out
+    expected = train(split.train, choice="true")
+    assert Trained.load(tmp_path / "q.json").value.to_dict() == expected.value.to_dict()
+
+
+def test_evaluate_is_the_librarys_comparison(optkit, file, split, tmp_path):
+    """Rows, means and the paired difference are those of compare() with the myopic policy of the same beliefs."""
+    trained = Trained.load(file)
+    policies = {MYOPIC: PostDecisionPricing(choice=trained.preferences), file.name: trained.policy}
+    parts = {"test": split.test, "validation": split.validation, "train": split.train}
+    for part, days in {**parts, "all": [day for one in split for day in one]}.items():
+        expected = compare(days, policies, [full_information(day) for day in days])
+        for suffix, read in ((".csv", pd.read_csv), (".parquet", pd.read_parquet)):
+            out = tmp_path / f"rows{suffix}"
+            code, text, _ = optkit("evaluate", file, "I.1", *SMALL, "--part", part, "--out", out, "--json")
+            told = strict(text)
+            assert code == 0
+            assert told["instances"] == len(days)
+            assert told["policies"] == expected.table.to_dict(orient="records")
+            pd.testing.assert_frame_equal(read(out), expected.per_instance)
+
+
+def test_another_horizon_is_told(optkit, file):
+    """Steps left are right on shorter instances, but the value function of a step is not: a note says so."""
+    _, same, _ = optkit("evaluate", file, "I.1", *SMALL, "--quiet")
+    code, shorter, _ = optkit("evaluate", file, "I.1", *SMALL, "--set", "horizon=25", "--quiet")
+    assert code == 0
+    assert "note: trained on instances of 50 steps, these have 25" in shorter
+    assert "note:" not in same
+    told = strict(optkit("evaluate", file, "I.1", *SMALL, "--set", "horizon=25", "--json")[1])
+    assert told["note"].startswith("trained on instances of 50 steps")
+
+
+def test_evaluate_takes_all_of_a_folder(optkit, file, tmp_path):
+    """A set of fresh instances is evaluated in full with --part all, even if it is a single one."""
+    save_instances(tmp_path / "fresh", scenario("I.1", seed=0).sample(1, seed=9))
+    code, out, _ = optkit("evaluate", file, tmp_path / "fresh", "--part", "all", "--json")
+    assert code == 0
+    assert strict(out)["policies"][1]["instances"] == 1
+
+
+def test_an_instance_without_a_bound_is_named(optkit, file, monkeypatch):
+    """Where a solver gives up, the instance is left out and named, and the exit status is 1."""
+    calls = iter(range(100))
+
+    def sometimes(instance):
+        if next(calls) == 1:
+            raise SolverError("hit its time limit")
+        return full_information(instance)
+
+    monkeypatch.setattr(main_job, "full_information", sometimes)
+    code, out, _ = optkit("evaluate", file, "I.1", *SMALL)
+    assert code == 1
+    assert "instance 1 is left out: hit its time limit" in out
+    assert "19 test instances" in out
+
+
+@pytest.mark.parametrize(
+    ("trained_on", "tried_on", "says"),
+    [
+        (["I.1", "--choice", "true"], ["I.1", "--set", "horizon=80"], "step 50 is beyond the 50 steps"),
+        (["I.1", "--set", "pickups=2"], ["I.1"], "is unknown; the preferences know 0..1"),
+        (["I.1", "--set", "characteristics=1"], ["I.1"], "the preferences know"),
+        (["I.1"], ["II"], "worker group 1 is unknown"),
+        (["II", "--choice", "true", "--value", "kernel"], ["I.1"], "3 worker groups"),
+    ],
+    ids=["horizon", "place", "features", "group", "groups of the value function"],
+)
+def test_what_a_policy_does_not_know_is_one_line(optkit, tmp_path, trained_on, tried_on, says):
+    """Instances that a policy was not made for: status 2 and one line that names the file and what is unknown."""
+    path = tmp_path / "p.json"
+    assert optkit("train", *trained_on, *SMALL, "--out", path)[0] == 0
+    code, out, err = optkit("evaluate", path, *tried_on, *SMALL)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"optkit: {path} does not fit the instances of {tried_on[0]}: ")
+    assert says in err
+
+
+def test_interrupted_training_goes_on_from_its_checkpoint(optkit, tmp_path, monkeypatch):
+    """Ctrl-C in the second seed: one is told how to go on, and the same command ends as if nothing had happened."""
+    common = ["I.1", *SMALL, "--seeds", 2, "--checkpoint", tmp_path / "kept"]
+
+    @contextmanager
+    def impatient(_):
+        def tell(_, done, total):
+            assert total == 4
+            if done == 3:
+                raise KeyboardInterrupt
+
+        yield tell
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sys.modules["optkit.cli.train"], "progress_bar", impatient)
+        code, _, err = optkit("train", *common, "--out", tmp_path / "p.json")
+    assert code == 130
+    assert f"kept in {tmp_path / 'kept'}: the same command goes on" in err
+    assert not (tmp_path / "p.json").exists()
+    (kept,) = (tmp_path / "kept").iterdir()
+    before = kept.read_bytes()
+    assert optkit("train", *common, "--out", tmp_path / "p.json")[0] == 0
+    assert kept.read_bytes() == before
+    assert len(list((tmp_path / "kept").iterdir())) == 2
+    optkit("train", "I.1", *SMALL, "--seeds", 2, "--out", tmp_path / "q.json")
+    one, other = (Trained.load(tmp_path / name) for name in ("p.json", "q.json"))
+    assert one.value.to_dict() == other.value.to_dict()
+    assert one.score == other.score
+
+
+def test_interruption_without_a_checkpoint_says_what_would_have_helped(optkit, tmp_path, monkeypatch):
+    """Nothing is kept then, and nothing is written."""
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optkit.learning.training.train", interrupted)
+    code, _, err = optkit("train", "I.1", *SMALL, "--out", tmp_path / "p.json")
+    assert code == 130
+    assert "--checkpoint FOLDER" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def diverge_from(monkeypatch, call):
+    """Make the fit of linear value functions fail from this call on."""
+    fit, calls = LinearValue.fit, iter(range(1, 100))
+
+    def failing(self, experience, y=None):
+        if next(calls) >= call:
+            raise TrainingError("training diverged: opportunity costs of 1e9")
+        return fit(self, experience, y)
+
+    monkeypatch.setattr(LinearValue, "fit", failing)
+
+
+def test_divergence_is_told_and_nothing_is_written(optkit, tmp_path, monkeypatch):
+    """If no round comes to anything: status 2, one line, no file."""
+    diverge_from(monkeypatch, 1)
+    code, out, err = optkit("train", "I.1", *SMALL, "--out", tmp_path / "p.json")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "diverged" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_later_round_that_diverges_is_told(optkit, tmp_path, monkeypatch):
+    """The policy is then that of the rounds before."""
+    diverge_from(monkeypatch, 2)
+    code, out, _ = optkit("train", "I.1", *SMALL, "--out", tmp_path / "p.json")
+    assert code == 0
+    assert "seed 0, round 2: training diverged" in out
+    assert "chosen: seed 0, round 1" in out
+
+
+def test_a_seed_that_diverges_is_told(optkit, tmp_path, monkeypatch):
+    """With two seeds of two rounds, a failure in the third round leaves the first seed."""
+    diverge_from(monkeypatch, 3)
+    code, out, _ = optkit("train", "I.1", *SMALL, "--seeds", 2, "--out", tmp_path / "p.json")
+    assert code == 0
+    assert "a seed is left out: training diverged" in out
+    assert "chosen: seed 0" in out
+
+
+def test_a_policy_is_replaced_and_nothing_else(optkit, tmp_path):
+    """An earlier policy makes room for the new one."""
+    common = ["train", "I.1", *SMALL, "--choice", "true", "--out", tmp_path / "p.json"]
+    optkit(*common)
+    first = Trained.load(tmp_path / "p.json")
+    assert optkit(*common, "--value", "kernel")[0] == 0
+    assert type(Trained.load(tmp_path / "p.json").value) is not type(first.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["p.json"]
+
+
+BAD = {
+    "no folder for the policy": (["train", "I.1", "--out", "no/p.json"], "cannot be written"),
+    "suffix": (["train", "I.1", "--out", "p.txt"], "ends in .json"),
+    "somebody's file": (["train", "I.1", "--out", "notes.json"], "holds no trained policy: choose another"),
+    "checkpoint is a file": (["train", "I.1", "--checkpoint", "notes.json"], "--checkpoint notes.json"),
+    "scenario": (["train", "IV"], "'IV' is neither a scenario"),
+    "value": (["train", "I.1", *SMALL, "--value", "cubic"], "'cubic' is unknown"),
+    "choice": (["train", "I.1", *SMALL, "--choice", "guess"], "choice = 'guess'"),
+    "deviations": (["train", "I.1", *SMALL, "--deviations", "8;4"], "--deviations 8;4"),
+    "negative deviation": (["train", "I.1", *SMALL, "--deviations", "8,-4"], "deviations"),
+    "discount": (["train", "I.1", *SMALL, "--discount", "2"], "discount = 2"),
+    "seeds": (["train", "I.1", *SMALL, "--seeds", "0"], "seeds = 0"),
+    "instances": (["train", "I.1", *SMALL, "--instances", "-5"], "instances = -5 must be"),
+    "training seed": (["train", "I.1", *SMALL, "--training-seed", "-1"], "seed"),
+    "nothing to choose by": (["train", "I.1", "--set", "split=5,5,0", "--seeds", "2"], "validation instances"),
+    "no policy": (["evaluate", "absent.json", "I.1"], "absent.json cannot be read"),
+    "not a policy": (["evaluate", "notes.json", "I.1"], "holds no trained policy"),
+    "part": (["evaluate", "learned.json", "I.1", "--part", "tests"], "--part tests"),
+    "empty part": (["evaluate", "learned.json", "I.1", "--set", "split=5,5,0", "--part", "validation"], "no instances"),
+    "rows": (["evaluate", "learned.json", "I.1", "--out", "rows.txt"], "ends in .csv or .parquet"),
+    "no folder for rows": (["evaluate", "learned.json", "I.1", "--out", "no/rows.csv"], "cannot be written"),
+}
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_bad_input_is_one_line_and_status_2(optkit, tmp_path, monkeypatch, file, case):
+    """Every wrong argument or file: status 2, nothing on standard output, one line, and nothing written."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes.json").write_text('{"mine": true}')
+    (tmp_path / "learned.json").write_bytes(file.read_bytes())
+    arguments, words = BAD[case]
+    code, out, err = optkit(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("optkit: ")
+    assert err.count("\n") == 1
+    assert words in err
+    assert {path.name for path in tmp_path.iterdir()} == {"notes.json", "learned.json"}
+    assert (tmp_path / "notes.json").read_text() == '{"mine": true}'
+
+
+@pytest.mark.parametrize("arguments", [["--out", "no/p.json"], ["--out", "notes.json"], ["--deviations", "x"]])
+def test_refused_before_the_training_and_not_after(optkit, tmp_path, monkeypatch, arguments):
+    """What can be known to be wrong is said before any work is done."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes.json").write_text("{}")
+    monkeypatch.setattr("optkit.learning.training.train", lambda *_, **__: pytest.fail("trained"))
+    assert optkit("train", "I.1", *SMALL, *arguments)[0] == 2
+
+
+def test_a_missing_extra_is_one_line_that_installs_it(tmp_path):
+    """Without PyTorch, --value attention names the extra, with status 2 and before any training."""
+    blocked = (
+        "import sys\n"
+        "class Absent:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.partition('.')[0] == 'torch':\n"
+        "            raise ModuleNotFoundError(name)\n"
+        "sys.meta_path.insert(0, Absent())\n"
+        "from optkit.cli import main\n"
+        "main()\n"
+    )
+    command = [sys.executable, "-c", blocked, "train", "I.1", *SMALL, "--value", "attention"]
+    done = subprocess.run(command, cwd=tmp_path, **COMMON)
+    assert done.returncode == 2
+    assert "pip install 'optkit[attention]'" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_file_prices_as_the_policy_did(split, file):
+    """What optkit evaluate runs is what was trained, to the last digit."""
+    one, other = (simulate(split.test, trained.policy).reward for trained in (train(split), Trained.load(file)))
+    assert np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("verb", ["train", "evaluate"])
+def test_help(optkit, verb):
+    """Both verbs explain themselves."""
+    code, out, _ = optkit(verb, "--help")
+    assert code == 0
+    assert "--json" in out

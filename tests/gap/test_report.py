@@ -1,0 +1,273 @@
+"""The gap report: policies against bounds."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from optkit import scenario
+from optkit.basics.errors import InputError, PolicyError, SolverError
+from optkit.bounds import full_information
+from optkit.gap.charging import scenario_charging
+from optkit.gap.report import GapReport, gap_report
+from optkit.models.value import LinearValue
+from optkit.policies import PostDecisionPricing, RewardPercentage
+
+NAMED = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}
+
+
+@pytest.fixture(scope="module")
+def charges():
+    """Value and foresight of a small world, trained in a moment."""
+    made = scenario_charging(scenario("I.2", seed=3), training=300, pool=40, estimator=LinearValue())
+    return {"value": made.value, "foresight": made.foresight, "assumptions": made.assumptions}
+
+
+@pytest.fixture(scope="module")
+def days():
+    """Instances that no charge was made from."""
+    return scenario("I.2", seed=3).sample(12, seed=9)
+
+
+@pytest.fixture(scope="module")
+def report(days, charges):
+    """The report that most tests look at."""
+    return gap_report(days, NAMED, **charges)
+
+
+def test_bounds_and_policies_are_in_order(report):
+    """Looser bounds lie above tighter ones, and all above all policies."""
+    points = report.bounds.set_index("kind")["points"]
+    assert points.index.tolist() == ["full", "lagrangian", "arrival", "penalised"]
+    assert points.is_monotonic_decreasing
+    assert points["penalised"] > report.policies["points"].max()
+    assert (report.best_bound, report.best_policy) == ("penalised", "myopic")
+    assert (report.gaps["points"] > 0).all()
+
+
+def test_no_path_is_below_zero(report):
+    """With all requests told apart, no policy earns more than a bound of arrivals, on any path, up to rounding."""
+    assert (report.policies["exact"] == len(report.rows)).all()
+    smallest = report.gaps[report.gaps["bound"] != "full"]["smallest"]
+    assert (smallest >= -1e-9).all()
+    for name in NAMED:
+        paid = report.rows[f"policy: {name}"] - report.rows[f"charge: {name}"]
+        assert (report.rows["bound: penalised"] - paid >= -1e-9).all()
+
+
+def test_certificates_are_checked(report):
+    """Every bound reports the worst of its certificates, and it is rounding but for the multipliers' own tolerance."""
+    worst = report.bounds.set_index("kind")["certificate_gap"]
+    assert (worst[["full", "arrival", "penalised"]] < 1e-6).all()
+    assert 0 <= worst["lagrangian"] < 1e-4
+    assert (report.bounds["residual"] == 0).all()
+
+
+def test_points_are_ratios_of_means(report, days):
+    """By hand from the rows: full information is 100 points, and the gap a ratio of sums."""
+    rows = report.rows
+    full = np.array([full_information(day).value for day in days])
+    assert rows["bound: full"].to_numpy() == pytest.approx(full, rel=1e-12)
+    worth = full - rows["penalty"]
+    short = rows["bound: penalised"] - rows["policy: half"] + rows["charge: half"]
+    row = report.gap("half", "penalised")
+    assert row["points"] == pytest.approx(100 * short.sum() / worth.sum(), rel=1e-12)
+    assert row["money"] == pytest.approx(short.mean(), rel=1e-12)
+    assert report.bounds["points"].iloc[0] == pytest.approx(100, rel=1e-12)
+    assert report.bounds["half_width"].iloc[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_charges_take_the_luck_out(report):
+    """Charges have mean zero within their error, and money is known far better without them."""
+    for _, row in report.policies.iterrows():
+        assert abs(row["charge"]) < 2 * row["charge_half_width"]  # about four standard errors
+        raw = report.rows[f"policy: {row['policy']}"]
+        assert row["money_half_width"] < 0.5 * 2.2 * raw.std() / np.sqrt(len(raw))
+
+
+def test_processes_change_nothing(days, charges, report):
+    """Two processes give what one gives, to the last digit."""
+    again = gap_report(days, NAMED, n_jobs=2, **charges)
+    pd.testing.assert_frame_equal(again.rows, report.rows, check_exact=True)
+
+
+def test_an_interrupted_report_goes_on(days, tmp_path):
+    """Interrupted after five instances it goes on from there, and ends with the same rows."""
+
+    class StopError(Exception):
+        pass
+
+    def stop(done, total):
+        if done == 5:
+            raise StopError
+
+    told = {"kinds": ["arrival"], "checkpoint": tmp_path / "rows.jsonl"}
+    with pytest.raises(StopError):
+        gap_report(days, NAMED, progress=stop, **told)
+    seen = []
+    resumed = gap_report(days, NAMED, progress=lambda done, total: seen.append((done, total)), **told)
+    assert seen == [(done, 12) for done in range(5, 13)]
+    pd.testing.assert_frame_equal(resumed.rows, gap_report(days, NAMED, kinds=["arrival"]).rows)
+
+
+@pytest.mark.parametrize(
+    ("policies", "change"),
+    [
+        ({**NAMED, "half": RewardPercentage(0.6)}, {}),
+        (NAMED, {"limit": 3}),
+        (NAMED, {"seed": 1}),
+        (NAMED, {"kinds": ["lagrangian"]}),
+    ],
+)
+def test_a_checkpoint_belongs_to_one_report(days, tmp_path, policies, change):
+    """Another policy of the same name, or another setting, does not take rows that are not its own."""
+    told = {"kinds": ["arrival"], "checkpoint": tmp_path / "rows.jsonl"}
+    gap_report(days[:2], NAMED, **told)
+    with pytest.raises(InputError, match="other instances, policies or settings"):
+        gap_report(days[:2], policies, **{**told, **change})
+
+
+def test_ones_own_policy(days):
+    """Any callable goes through, in other processes too, and must be feasible."""
+    own = gap_report(days[:3], {"own": lambda state: 0.6 * state.reward}, kinds="arrival", n_jobs=2)
+    known = gap_report(days[:3], {"own": RewardPercentage(0.6)}, kinds="arrival")
+    pd.testing.assert_frame_equal(own.rows, known.rows)
+    with pytest.raises(PolicyError):
+        gap_report(days[:3], {"bad": lambda state: -state.reward}, kinds="arrival")
+
+
+def test_simulated_and_enumerated_agree(days, charges):
+    """Where too much may wait a policy is simulated and others are charged for: the same means within 4 errors."""
+    exact = gap_report(days, NAMED, **charges)
+    drawn = gap_report(days, NAMED, limit=2, redraws=150, **charges)
+    assert drawn.policies["exact"].max() < exact.policies["exact"].min()
+    for name in NAMED:
+        for part in ("policy", "charge"):
+            # Charges of fewer requests differ on each path, but their mean is zero too.
+            difference = drawn.rows[f"{part}: {name}"] - exact.rows[f"{part}: {name}"]
+            assert abs(difference.mean()) < 4 * difference.std() / np.sqrt(len(days))
+    # What is not told apart makes the bound looser, never better than the whole lattice in the mean.
+    looser = drawn.rows["bound: penalised"] - exact.rows["bound: penalised"]
+    assert looser.mean() > -4 * looser.std() / np.sqrt(len(days))
+
+
+def test_noise_is_not_needed(days):
+    """Without noise it is drawn for full information only: all that rests on the arrivals is as it was."""
+    from dataclasses import replace
+
+    bare = [replace(day, noise=None, outside_noise=None) for day in days[:3]]
+    with_noise, without = (gap_report(some, NAMED, kinds="arrival") for some in (days[:3], bare))
+    for column in ("bound: arrival", "policy: half"):
+        assert with_noise.rows[column].tolist() == without.rows[column].tolist()
+    assert any("noise: drawn here for 3 instances" in told for told in without.assumptions)
+
+
+def test_a_scenario_brings_what_it_needs():
+    """A scenario stands for its test instances, and charges for its own process."""
+    small = scenario("I.2", seed=3, split=(20, 4, 0), horizon=12)
+    found = gap_report(small, {"half": RewardPercentage(0.5)})
+    assert len(found.rows) == 4
+    assert found.rows["bound: full"].tolist() == [full_information(day).value for day in small.split().test]
+    assert any("Poisson" in told for told in found.assumptions)
+    assert found.best_bound == "penalised"
+
+
+def test_workers_who_come_otherwise_are_noticed(days, charges):
+    """A worker rate that the instances contradict is a warning."""
+    from optkit.bounds.penalised.foresight import Foresight, fifo_presence
+
+    wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.9), np.ones(1))}
+    found = gap_report(days, {"half": RewardPercentage(0.5)}, limit=4, redraws=10, **wrong)
+    assert any(told.startswith("WARNING: workers") for told in found.assumptions)
+
+
+def test_a_bound_that_fails_is_left_out(days, monkeypatch):
+    """An instance whose bound cannot be proven is named; if all fail there is no report."""
+    from optkit.gap import rows as gap_rows
+
+    def fails(instance):
+        if instance is days[1] or len(broken) == 1:
+            raise SolverError("no luck")
+        return full_information(instance)
+
+    broken = []
+    monkeypatch.setattr(gap_rows, "full_information", fails)
+    found = gap_report(days[:3], NAMED, kinds="full")
+    assert found.failures == {1: "no luck"}
+    assert found.rows["instance"].tolist() == [0, 2]
+    assert "instance 1 is left out: no luck" in found.summary()
+    broken.append(True)
+    with pytest.raises(SolverError, match="none of 3 instances"):
+        gap_report(days[:3], NAMED, kinds="full")
+
+
+def test_empty_days_have_no_points_but_money(days):
+    """Where nothing can be gained there is nothing to measure by; gaps in money are zero."""
+    from dataclasses import replace
+
+    some = days[0]
+    nobody = replace(
+        some, worker_step=np.zeros(0, int), worker_group=np.zeros(0, int), noise=None, outside_noise=None
+    ).with_noise(0)
+    found = gap_report([nobody, nobody], NAMED)
+    assert found.gaps["money"].to_numpy() == pytest.approx(0, abs=1e-9)
+    assert found.gaps["points"].isna().all()
+    assert found.plot().get_xlabel() == "Money an instance"
+
+
+def test_one_instance_allows_no_claim(days):
+    """There is no interval: the report says so."""
+    found = gap_report(days[:1], NAMED)
+    assert "allows no claim" in found.claim()
+    assert np.isnan(found.gap()["claim"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kinds": ["nonsense"]}, "no bound 'nonsense'"),
+        ({"kinds": ["penalised"]}, "needs value and foresight"),
+        ({"value": LinearValue()}, "both value and foresight"),
+        ({"redraws": 0}, "redraws"),
+        ({"confidence": 1.0}, "confidence"),
+        ({"limit": -1}, "limit"),
+        ({"seed": -1}, "seed"),
+        ({"n_jobs": -1}, "n_jobs"),
+    ],
+)
+def test_bad_arguments_are_refused(days, change, message):
+    """Each in one line that names it."""
+    with pytest.raises(InputError, match=message):
+        gap_report(days[:2], NAMED, **change)
+
+
+def test_something_is_needed(days):
+    """No instances, no policies, or what is neither, make no report."""
+    for given in (([], NAMED), (days[:1], {}), (["day"], NAMED), (days[:1], {"half": 0.5})):
+        with pytest.raises(InputError):
+            gap_report(*given)
+
+
+def test_summary_and_plain_data(report):
+    """The text states the claims and the assumptions; the plain data hold every table; unknown names are refused."""
+    text = report.summary()
+    assert report.claim() in text
+    assert all(told in text for told in report.assumptions)
+    plain = report.to_dict()
+    assert plain["instances"] == 12
+    assert [row["kind"] for row in plain["bounds"]] == report.bounds["kind"].tolist()
+    assert plain["best"]["claim"] == report.claim()
+    assert isinstance(report, GapReport)
+    with pytest.raises(InputError, match="nobody"):
+        report.gap("nobody")
+
+
+def test_the_ladder_has_a_rung_for_each(report):
+    """Policies below, bounds above, each at its mean, and the claim as the title."""
+    ax = report.plot()
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        "half", "myopic", "penalised", "arrival", "lagrangian", "full",
+    ]  # fmt: skip
+    drawn = [float(line.get_xdata()[0]) for line in ax.lines if line.get_marker() in ("s", "o")]
+    points = [*report.policies["points"].sort_values(), *report.bounds["points"].sort_values()]
+    assert drawn == pytest.approx(points)
+    assert ax.get_title() == report.claim()

@@ -1,0 +1,270 @@
+"""The log of offers: what it refuses, how logs are joined, and that files give back what was saved."""
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pandas.testing import assert_frame_equal
+
+from optkit.basics.errors import DataError, InputError, OptkitError
+from optkit.models.preferences.offers import SCHEMA, Offers
+
+COLUMNS = ("situation", "group", "features", "pickup", "dropoff", "compensation", "chosen")
+
+
+def log(**changes):
+    """Three decisions of two groups: the first takes its second offer, the second rejects, the third takes."""
+    return Offers(
+        **{
+            "situation": [0, 0, 1, 1, 2],
+            "group": [0, 0, 1, 1, 0],
+            "features": [[0.1, 1.0], [0.2, 2.0], [1 / 3, 3.0], [0.4, 4.0], [0.5, 5.0]],
+            "pickup": [0, 1, 2, 0, 1],
+            "dropoff": [1, 0, 0, 1, 1],
+            "compensation": [10.0, 12.5, 0.1, 7.0, 9.0],
+            "chosen": [False, True, False, False, True],
+            "names": ("size", "time"),
+            **changes,
+        }
+    )
+
+
+def assert_same(one, other):
+    """All columns and names are equal, bit by bit."""
+    assert one.names == other.names
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_counts_by_hand():
+    """Rows, decisions and choices are what one counts, and an unnamed feature gets a number."""
+    offers = log(names=())
+    assert (len(offers), offers.n_situations, offers.n_choices) == (5, 3, 2)
+    assert offers.names == ("feature_0", "feature_1")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"chosen": [1, 1, 0, 0, 1]}, "situation 0 has 2 choices"),
+        ({"group": [0, 0, 1, 0, 0]}, "situation 1 has workers of two groups"),
+        ({"compensation": [1, 2, np.nan, 4, 5]}, r"compensation\[2\] is nan"),
+        ({"features": [[1.0, np.inf]] + 4 * [[0.0, 0.0]]}, r"features\[0, 1\] is inf"),
+        ({"chosen": [0, 1, 0, 0, np.nan]}, r"chosen\[4\] is nan"),
+        ({"chosen": [0, 2, 0, 0, 0]}, "chosen in row 1 is 2, neither 0 nor 1"),
+        ({"chosen": [0, 0.5, 0, 0, 0]}, r"chosen\[1\] = 0.5 is not a whole number"),
+        ({"group": [0, 0, -1, -1, 0]}, "group in row 2 is negative"),
+        ({"pickup": [0, -3, 0, 0, 0]}, "pickup in row 1 is negative"),
+        ({"dropoff": [0, 0, 0, 0, -1]}, "dropoff in row 4 is negative"),
+        ({"pickup": [0.5, 0, 0, 0, 0]}, r"pickup\[0\] = 0.5 is not a whole number"),
+        ({"compensation": list("abcde")}, "compensation holds text"),
+        ({"situation": list("aabbc")}, "situation holds text"),
+        ({"compensation": [1.0, 2.0]}, "compensation has shape"),
+        ({"features": np.ones(5)}, "features has shape"),
+        ({"names": ("one",)}, "1 names for 2 features"),
+    ],
+)
+def test_bad_columns_are_one_line_that_names_them(changes, words):
+    """Two choices, two groups, NaN, negative codes, text and wrong lengths: a DataError that names column and place."""
+    with pytest.raises(DataError, match=words) as caught:
+        log(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_rows_of_a_situation_need_not_stand_together():
+    """Checks go by the situation's number: apart or together, two choices are two choices."""
+    order = [4, 0, 2, 1, 3]
+    assert log().take(order).n_situations == 3
+    with pytest.raises(DataError, match="situation 5 has 2 choices"):
+        Offers([5, 1, 5], [0, 0, 0], np.ones((3, 1)), [0] * 3, [0] * 3, [1.0] * 3, [1, 0, 1])
+
+
+def test_columns_are_copies_that_cannot_be_written():
+    """Changing the arrays that were passed in changes no log, and a log's own arrays are read-only."""
+    pay = np.arange(5.0)
+    offers = log(compensation=pay)
+    pay[0] = 99
+    assert offers.compensation[0] == 0
+    with pytest.raises(ValueError, match="read-only"):
+        offers.compensation[0] = 1
+
+
+def test_take_by_mask_and_by_index():
+    """Rows are chosen alike by mask and by index."""
+    offers = log()
+    assert_same(offers.take(offers.group == 1), offers.take([2, 3]))
+    assert offers.take(offers.group == 1).n_choices == 0
+
+
+def test_join_numbers_situations_anew():
+    """Situations of two logs never merge, whatever their numbers, and all else is put end to end."""
+    first, second = log(), log(situation=[0, 0, 7, 7, -2])
+    joined = Offers.join([first, second])
+    assert joined.n_situations == 6
+    assert joined.n_choices == 4
+    for part, rows in ((first, slice(0, 5)), (second, slice(5, 10))):
+        same = joined.situation[rows][:, None] == joined.situation[rows]
+        np.testing.assert_array_equal(same, part.situation[:, None] == part.situation)
+        np.testing.assert_array_equal(joined.features[rows], part.features)
+    assert not set(joined.situation[:5]) & set(joined.situation[5:])
+
+
+@pytest.mark.parametrize(("parts", "words"), [([], "no offers to join"), ([log(), log(names=("a", "b"))], "different")])
+def test_join_refuses(parts, words):
+    """Nothing to join, or features of different names, is an InputError."""
+    with pytest.raises(InputError, match=words):
+        Offers.join(parts)
+
+
+def test_round_trips_are_exact(tmp_path):
+    """from_frame(to_frame()) and load(save()) give every bit back, and save says where it wrote."""
+    offers = log()
+    assert_same(Offers.from_frame(offers.to_frame()), offers)
+    path = offers.save(tmp_path / "log.parquet")
+    assert path == tmp_path / "log.parquet"
+    assert_same(Offers.load(path), offers)
+
+
+def test_round_trip_without_features_or_rows(tmp_path):
+    """A log of no features, and one of no rows, survive the disk."""
+    bare = log(features=np.empty((5, 0)), names=())
+    assert_same(Offers.load(bare.save(tmp_path / "bare.parquet")), bare)
+    empty = log().take(np.zeros(5, bool))
+    assert_same(Offers.load(empty.save(tmp_path / "empty.parquet")), empty)
+
+
+def test_saved_situations_keep_their_rows_together(tmp_path):
+    """Numbers of situations are labels: after the disk they may differ, but they part the rows as before."""
+    offers = log(situation=[9, 9, -4, -4, 3])
+    back = Offers.load(offers.save(tmp_path / "log.parquet"))
+    np.testing.assert_array_equal(
+        back.situation[:, None] == back.situation, offers.situation[:, None] == offers.situation
+    )
+
+
+def test_a_users_csv_with_named_situations(tmp_path):
+    """Situations may be text, columns in any order, roles missing: those are 0, and other columns are features."""
+    path = tmp_path / "own.csv"
+    path.write_text("size,chosen,situation,compensation,hour\n1.5,0,mon-1,10,8\n2.5,1,mon-1,11,8\n3.5,0,tue-7,5,9\n")
+    offers = Offers.load(path)
+    assert offers.names == ("size", "hour")
+    np.testing.assert_array_equal(offers.features, [[1.5, 8], [2.5, 8], [3.5, 9]])
+    np.testing.assert_array_equal(offers.situation, [0, 0, 1])
+    np.testing.assert_array_equal(offers.chosen, [0, 1, 0])
+    for name in ("group", "pickup", "dropoff"):
+        np.testing.assert_array_equal(getattr(offers, name), 0)
+    only = Offers.load(path, ["hour"])
+    assert only.names == ("hour",)
+
+
+def test_booleans_and_nullable_columns_are_read():
+    """chosen may be True/False, and pandas' nullable types are numbers as long as nothing is missing."""
+    frame = log().to_frame()
+    fancy = frame.astype({"chosen": "boolean", "group": "Int64", "size": "Float64"})
+    assert_same(Offers.from_frame(fancy), log())
+    with pytest.raises(DataError, match="group"):
+        Offers.from_frame(fancy.assign(group=pd.array([0, 0, None, 1, 0], dtype="Int64")))
+
+
+def test_to_frame_by_hand():
+    """The table has the documented columns in order."""
+    frame = log().to_frame()
+    want = ["situation", "group", "pickup", "dropoff", "size", "time", "compensation", "chosen"]
+    assert list(frame.columns) == want
+    assert_frame_equal(frame[["compensation"]], pd.DataFrame({"compensation": [10.0, 12.5, 0.1, 7.0, 9.0]}))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("situation,chosen,x\n1,0,2\n", "no column 'compensation'; they have situation, chosen, x"),
+        ("situation,compensation,chosen,x\n,1,0,2\n", "situation in row 0 is empty"),
+        ("situation,compensation,chosen,x\n1,2,0,\n", r"x\[0\] is nan"),
+        ("situation,compensation,chosen,city\n1,2,0,Bonn\n", "city has entries that are not numbers"),
+        ("situation,compensation,chosen,x\n1,2,yes,1\n", "chosen has entries that are not numbers"),
+        ("", "cannot read"),
+        ("a,b\n1\n2,3,4\n", "cannot read"),
+    ],
+)
+def test_bad_csv_is_one_line_with_the_files_name(tmp_path, text, words):
+    """A missing column, an empty cell, text or a damaged table: one line with the file and the column."""
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=words) as caught:
+        Offers.load(path)
+    assert "bad.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_feature_is_named(tmp_path):
+    """A feature that was asked for and is not there is named, with those that are."""
+    with pytest.raises(DataError, match="no column 'colour'; they have situation"):
+        Offers.load(log().save(tmp_path / "log.parquet"), ["size", "colour"])
+
+
+def test_missing_damaged_and_newer_files(tmp_path):
+    """No file, a cut-off file, a folder and a file of a newer optkit each say which it is."""
+    with pytest.raises(DataError, match="there is no file"):
+        Offers.load(tmp_path / "none.parquet")
+    with pytest.raises(DataError, match="there is no file"):
+        Offers.load(tmp_path / "none.csv")
+    path = log().save(tmp_path / "log.parquet")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-40])
+    with pytest.raises(DataError, match="cannot read"):
+        Offers.load(path)
+    path.write_bytes(whole[:4] + b"\xff" * 60 + whole[64:])
+    with pytest.raises(DataError, match="cannot read"):
+        Offers.load(path)
+    with pytest.raises(DataError, match="cannot read"):
+        Offers.load(tmp_path)
+    table = pa.Table.from_pandas(log().to_frame(), preserve_index=False)
+    pq.write_table(table.replace_schema_metadata({"optkit-offers": str(SCHEMA + 1)}), path)
+    with pytest.raises(DataError, match="newer optkit"):
+        Offers.load(path)
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
+    """If the disk refuses half-way, the old file stands, nothing is left beside it, and one line says so."""
+    path = log().save(tmp_path / "log.parquet")
+    before = path.read_bytes()
+
+    def full(table, where):
+        where.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pq, "write_table", full)
+    with pytest.raises(OptkitError, match="No space left on device"):
+        log(compensation=[1, 1, 1, 1, 1]).save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_missing_or_in_the_way(tmp_path):
+    """A target in a folder that does not exist, or that is a folder, is one line of our tree."""
+    (tmp_path / "log.parquet").mkdir()
+    for target in (tmp_path / "no" / "log.parquet", tmp_path / "log.parquet"):
+        with pytest.raises(OptkitError, match="cannot be written"):
+            log().save(target)
+    assert [p.name for p in tmp_path.iterdir()] == ["log.parquet"]
+
+
+def test_a_parent_that_is_a_file(tmp_path):
+    """A target below a file is one line of our tree."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OptkitError, match="cannot be written"):
+        log().save(tmp_path / "file" / "log.parquet")
+
+
+def test_a_target_without_a_name():
+    """An empty path is one line of our tree."""
+    with pytest.raises(OptkitError):
+        log().save("")
+
+
+@pytest.mark.parametrize("names", [("group", "time"), ("size", "size"), ("compensation", "time"), ("chosen", "time")])
+def test_feature_names_are_unique_and_no_roles(names):
+    """A feature named like a role or like another feature is refused, since no file could hold it."""
+    with pytest.raises(DataError):
+        log(names=names)
