@@ -23,7 +23,7 @@ ORDER = (
     ("cli", "teach"),
     ("__main__",),
 )
-"""Packages from the ground up; each imports from layers below its own. ``__init__``, the face, names what lies below."""
+"""Packages from the ground up; each imports from below its own. ``__init__``, the face, names what lies below."""
 
 GROUND = {f"optkit.basics.{one}" for one in ("errors", "arrays", "seeds")} | {"optkit.instances.instance"}
 """What the mathematics, ``models`` and ``bounds``, may know of the rest."""

@@ -6,6 +6,7 @@ import inspect
 import pkgutil
 import re
 from pathlib import Path
+from types import FunctionType
 
 import pytest
 
@@ -98,7 +99,7 @@ def listed():
             if re.search(rf"automodule:: {re.escape(name)}\n   :members:", page.read_text()):
                 module = importlib.import_module(name)
                 names = [one.strip() for one in members.split(",") if one.strip()] or own(module)
-                found += [f"{name}.{one}" for one in names if one in own(module)]
+                found += [f"{name}.{one}" for one in names if isinstance(getattr(module, one), type | FunctionType)]
     return found
 
 

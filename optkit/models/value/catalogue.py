@@ -75,7 +75,17 @@ def _light_value(plain: dict[str, Any]) -> LinearValue | KernelValue:
 
 
 def estimator_of(value: str | Estimator) -> Estimator:
-    """Return the value function that a name stands for, not fitted; one that is given is returned as it is.
+    """Return the value function that a name stands for, not fitted yet.
+
+    Parameters
+    ----------
+    value : str or Estimator
+        A name, or a value function of one's own.
+
+    Returns
+    -------
+    Estimator
+        What is given comes back as it is.
 
     Raises
     ------
