@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optkit.basics.errors import InputError, InstanceError, SolverError
+from optkit.basics.seeds import Stream, stream
 from optkit.basics.version import __version__
 from optkit.cli.console import print_table, progress_bar
 from optkit.cli.options import Json, Quiet
@@ -140,18 +141,15 @@ def _bound_one(
     time_limit: float | None,
     value: SetValue | None,
 ) -> dict[str, Any]:
-    import numpy as np
-
     from optkit.bounds import arrival_information, full_information, penalized
     from optkit.bounds.bound import prove
-    from optkit.gap.rows import CHARGE_STREAM
 
     number, instance, foresight = task
     base = {"requests": instance.n_requests, "workers": instance.n_workers, "penalty": float(instance.penalty.sum())}
     nothing = {"bound": None, "gap": None, "method": method, "seconds": None}
     try:
         if value is not None and foresight is not None:
-            seed = np.random.SeedSequence(0, spawn_key=(CHARGE_STREAM, number))
+            seed = stream(0, Stream.CHARGES, number)
             found = penalized(instance, value, foresight, seed=seed)
         elif kind == "arrival":
             found = arrival_information(instance, method)  # type: ignore[arg-type]

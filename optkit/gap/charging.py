@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.errors import InputError
+from optkit.basics.seeds import Stream, stream
 from optkit.bounds.penalised.foresight import LONGEST, Foresight, fifo_presence
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
@@ -32,9 +33,6 @@ them, 5,000 instances leave three quarters of the gap that 1,500 leave, and 12,0
 
 POOL = 7_200
 """Instances from which arrivals are drawn that might have come instead: enough of their own for each of 120."""
-
-POOL_STREAM = 2
-"""Spawn key of the world's seed; :data:`optkit.instances.scenario.FURTHER_STREAMS` tells of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +135,7 @@ def scenario_charging(
         return Charging(
             fitted.value, foresight, fitted.policy, (workers, "requests: nothing is assumed, nor charged for", told)
         )
-    stream = np.random.SeedSequence(source.seed, spawn_key=(POOL_STREAM,))
-    others = tuple(_bare(day) for day in source.sample(pool, stream))
+    others = tuple(_bare(day) for day in source.sample(pool, stream(source.seed, Stream.POOL)))
     nothing = float(np.exp(-source.settings.request_rate))
     foresight = Foresight(presence, share, others, nothing, draws=draws)
     requests = f"requests arrive at {source.settings.request_rate:g} a step (Poisson), as in {pool} other instances"

@@ -14,13 +14,13 @@ from optkit.basics.errors import InputError, SolverError
 from optkit.basics.parallel import check_jobs, in_parallel
 from optkit.basics.plain_json import to_json
 from optkit.basics.row_log import RowLog
-from optkit.basics.seeds import check_seed
+from optkit.basics.seeds import Stream, check_seed
 from optkit.basics.version import __version__
 from optkit.bounds.arrival.exact import check_limit
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.penalized import LIMIT
 from optkit.gap.charging import presence_score, scenario_charging
-from optkit.gap.rows import BOUND_KINDS, OWN_STREAM, GapTask, Kind, gap_row
+from optkit.gap.rows import BOUND_KINDS, GapTask, Kind, gap_row
 from optkit.gap.tables import gap_tables
 from optkit.instances.digest import exact_digest
 from optkit.instances.instance import Instance
@@ -323,7 +323,7 @@ def _key(tasks: Sequence[GapTask], foresight: Foresight | None) -> str:
     """Return a digest of what a report consists of: policies and value function by what they do on the instances."""
     first = tasks[0]
     days = [
-        one.instance if one.instance.noise is not None else one.instance.with_noise(one.stream(OWN_STREAM))
+        one.instance if one.instance.noise is not None else one.instance.with_noise(one.stream(Stream.REPORT_OWN_NOISE))
         for one in tasks
     ]
     batch = Batch.of(days)

@@ -17,6 +17,7 @@ import numpy as np
 
 from optkit.basics.arrays import Bools
 from optkit.basics.errors import SolverError
+from optkit.basics.seeds import Stream, stream
 from optkit.bounds import Bound, arrival_information, full_information
 from optkit.bounds.arrival.lattice import lattice_bits, stages
 from optkit.bounds.arrival.policy_value import Offer, policy_value
@@ -36,9 +37,6 @@ Kind = Literal["full", "lagrangian", "arrival", "penalised"]
 BOUND_KINDS: tuple[Kind, ...] = ("full", "lagrangian", "arrival", "penalised")
 """Bounds, loosest first: full information; arrival information with each request served at most once in expectation, or
 exactly (as exactly as its size allows); arrival information with foresight charged for."""
-
-CHARGE_STREAM, NOISE_STREAM, OWN_STREAM = 5, 6, 7
-"""Spawn keys of the report's seed: no sample of instances spawns any below these."""
 
 ROUNDING = 1e-7
 """Of the money in play: what a bound may lie below a policy on one path before something must be wrong."""
@@ -76,9 +74,9 @@ class GapTask:
     redraws: int
     seed: int
 
-    def stream(self, key: int) -> np.random.SeedSequence:
+    def stream(self, name: Stream) -> np.random.SeedSequence:
         """Randomness of one kind, apart from that of other instances."""
-        return np.random.SeedSequence(self.seed, spawn_key=(key, self.number))
+        return stream(self.seed, name, self.number)
 
 
 def gap_row(task: GapTask) -> dict[str, Any]:
@@ -108,7 +106,7 @@ def gap_row(task: GapTask) -> dict[str, Any]:
     True
     """
     given = task.instance
-    instance = given if given.noise is not None else given.with_noise(task.stream(OWN_STREAM))
+    instance = given if given.noise is not None else given.with_noise(task.stream(Stream.REPORT_OWN_NOISE))
     row: dict[str, Any] = {
         "requests": instance.n_requests,
         "workers": instance.n_workers,
@@ -173,7 +171,7 @@ class _Charged:
     def of(cls, task: GapTask, instance: Instance) -> _Charged:
         assert task.value is not None
         assert task.foresight is not None
-        bound = penalized(instance, task.value, task.foresight, seed=task.stream(CHARGE_STREAM), limit=task.limit)
+        bound = penalized(instance, task.value, task.foresight, seed=task.stream(Stream.CHARGES), limit=task.limit)
         proof = bound.certificate
         assert isinstance(proof, PenalizedCertificate)
         seen = _Seen(**{field.name: getattr(proof.charges, field.name) for field in fields(Charges)})
@@ -192,7 +190,7 @@ def _evaluate(task: GapTask, instance: Instance, policy: Policy, charged: _Charg
         everything = np.ones(instance.n_requests, bool)
         program = SubsetProgram(instance, stages(instance), np.zeros(instance.n_requests), everything)
         return {"reward": policy_value(program, lattice_offers(instance, policy)), "charge": 0.0, "exact": True}
-    draws = task.stream(NOISE_STREAM).spawn(task.redraws)
+    draws = task.stream(Stream.REPORT_NOISE).spawn(task.redraws)
     runs = Batch.of([instance.with_noise(draw) for draw in draws])
     outcome = simulate(runs, policy)
     charge = 0.0

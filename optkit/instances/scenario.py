@@ -8,16 +8,19 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from optkit.basics.errors import InputError
-from optkit.basics.seeds import check_count, seed_sequence
+from optkit.basics.seeds import Stream, check_count, seed_sequence, stream
 from optkit.instances.instance import Instance
 from optkit.instances.settings import ScenarioSettings
 from optkit.instances.world import World, furnish, poisson_requests
 
 Part = Literal["train", "test", "validation"]
 
-FURTHER_STREAMS: dict[Part, int] = {"train": 3, "test": 4, "validation": 5}
-"""Spawn keys of the world's seed for further instances of each part. Samples have (0,), (1,), ... below their seed,
-splits (1, 0), (1, 1), ..., these (3, 0), (3, 1), ...; :mod:`optkit.gap.charging` has (2, 0), (2, 1), ..."""
+FURTHER: dict[Part, Stream] = {
+    "train": Stream.FURTHER_TRAIN,
+    "test": Stream.FURTHER_TEST,
+    "validation": Stream.FURTHER_VALIDATION,
+}
+"""Streams of further instances of each part of a split."""
 
 
 class Split(NamedTuple):
@@ -88,7 +91,7 @@ class Scenario:
 
     def split(self) -> Split:
         """Training, test and validation instances, fixed by the world's seed (480/120/30 in the paper)."""
-        drawn = self.sample(sum(self.settings.split), np.random.SeedSequence(self.seed, spawn_key=(1,)))
+        drawn = self.sample(sum(self.settings.split), stream(self.seed, Stream.SPLIT))
         return cut(drawn, self.settings.split)
 
     def further(self, part: Part, count: int) -> list[Instance]:
@@ -117,9 +120,9 @@ class Scenario:
         return self.sample(count, self._further_seed(part))
 
     def _further_seed(self, part: Part) -> np.random.SeedSequence:
-        if part not in FURTHER_STREAMS:
+        if part not in FURTHER:
             raise InputError(f"part = {part!r}: a split has train, test and validation")
-        return np.random.SeedSequence(self.seed, spawn_key=(FURTHER_STREAMS[part],))
+        return stream(self.seed, FURTHER[part])
 
     def describe(self) -> dict[str, Any]:
         """Name, seed and settings as plain data, enough to make the scenario again."""
@@ -127,11 +130,8 @@ class Scenario:
 
 
 def world_generator(seed: int) -> np.random.Generator:
-    """Return the generator that draws a world: no instance of any sample comes from the same numbers.
-
-    Samples spawn keys (0,), (1,), ... from their seed, splits (1, 0), (1, 1), ... from the world's.
-    """
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0)))
+    """Return the generator that draws a world: no instance of any sample comes from the same numbers."""
+    return np.random.default_rng(stream(seed, Stream.WORLD, 0))
 
 
 def cut(drawn: list[Instance], sizes: tuple[int, int, int]) -> Split:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optkit.basics.errors import DataError, InputError
-from optkit.basics.seeds import check_count
+from optkit.basics.seeds import Stream, check_count, stream
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario, Split, cut
@@ -16,9 +16,6 @@ from optkit.instances.settings import ScenarioSettings
 from optkit.instances.storage import load_instances, read_description
 
 PARTS = Split._fields
-
-NOISE_STREAM = 8
-"""Key of the noise that is drawn for sets without any."""
 
 
 def has_parts(folder: Path) -> bool:
@@ -75,7 +72,7 @@ def read_split(folder: Path) -> tuple[Split, dict[str, Any]]:
 
 def _realised(instances: list[Instance], part: int) -> tuple[list[Instance], int]:
     """Return instances with noise, and for how many it had to be drawn."""
-    moods = np.random.SeedSequence(0, spawn_key=(NOISE_STREAM, part)).spawn(len(instances))
+    moods = stream(0, Stream.FOLDER_NOISE, part).spawn(len(instances))
     bare = [one.noise is None for one in instances]
     made = [one.with_noise(mood) if none else one for one, mood, none in zip(instances, moods, bare, strict=True)]
     return made, sum(bare)

@@ -11,7 +11,7 @@ import numpy as np
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from optkit.basics.errors import DataError, InputError
-from optkit.basics.seeds import check_seed
+from optkit.basics.seeds import Stream, check_seed, stream
 from optkit.instances.instance import Floats, Instance
 from optkit.learning.offer_log import collect
 from optkit.models.estimation import EstimationWarning, NotIdentifiedError, identification
@@ -190,8 +190,7 @@ def another_day(instances: Sequence[Instance], seed: int, number: int) -> Sequen
     """Return the instances with the workers' noise drawn anew for round ``number``; round 0 has their own."""
     if number == 0:
         return instances
-    # A key of two parts that begins with 2: scenarios use one part, (0, 0) and (1, ...), see world_generator.
-    moods = np.random.SeedSequence(seed, spawn_key=(2, number)).spawn(len(instances))
+    moods = stream(seed, Stream.ROUND_NOISE, number).spawn(len(instances))
     return [one.with_noise(mood) for one, mood in zip(instances, moods, strict=True)]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optkit.basics.errors import InputError
-from optkit.basics.seeds import check_seed
+from optkit.basics.seeds import check_seed, step_generator
 from optkit.instances.instance import Floats
 from optkit.simulation.simulator import Policy
 from optkit.simulation.state import State
@@ -48,7 +48,7 @@ class RandomOffers:
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""
-        rng = np.random.default_rng([self.seed, state.step])
+        rng = step_generator(self.seed, state.step)
         return np.maximum(rng.uniform(self.low, self.high, state.offered.shape) * state.reward, 0.0)
 
 
@@ -91,6 +91,6 @@ class Explore:
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""
-        rng = np.random.default_rng([self.seed, state.step])
+        rng = step_generator(self.seed, state.step)
         offer = np.asarray(self.policy(state), dtype=float)
         return np.maximum(offer + rng.normal(0.0, self.deviation, offer.shape), 0.0)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from optkit.basics.errors import DataError, InputError
+from optkit.basics.seeds import Stream, stream
 from optkit.bounds import arrival_information, full_information
 from optkit.bounds.bound import prove
 from optkit.gap.charging import scenario_charging
@@ -212,7 +213,7 @@ def _perturbed(source: Scenario, split: Split, settings: dict[str, Any]) -> Resu
     groups = settings.get("groups")
     # Directions of their own for each choice of groups: the same one for all would say the same thing three times.
     who = 0 if groups is None else 1 + sum(1 << group for group in groups)
-    rng = np.random.default_rng([int(settings["draw"]), who])
+    rng = np.random.default_rng(stream(int(settings["draw"]), Stream.BELIEFS, who))
     believed = perturb(true_preferences(source), settings["epsilon"], rng, groups=groups)
     # No validation: who believes what is wrong does not know it, and training is not to be refused for it.
     policy = train(split.train, settings["value"], choice=believed, seed=int(settings["seed"])).policy

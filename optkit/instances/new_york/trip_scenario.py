@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from optkit.basics.errors import DataError, InputError
-from optkit.basics.seeds import check_count, seed_sequence
+from optkit.basics.seeds import Stream, check_count, seed_sequence, stream
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.episodes import MODES, Episode, Mode, cut_episodes
 from optkit.instances.new_york.trip_files import Paths
@@ -140,7 +140,7 @@ class TripScenario(Scenario):
 
     @property
     def _split_seed(self) -> np.random.SeedSequence:
-        return np.random.SeedSequence(self.seed, spawn_key=(1,))
+        return stream(self.seed, Stream.SPLIT)
 
     def describe(self) -> dict[str, Any]:
         """Name, seed, settings, mode, fraction and source of the trips as plain data."""
