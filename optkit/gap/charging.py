@@ -118,6 +118,7 @@ def scenario_charging(
 
     Examples
     --------
+    >>> from optkit import scenario
     >>> charging = scenario_charging(scenario("I.2", seed=0), training=60, pool=30)
     >>> len(charging.foresight.arrivals), round(charging.foresight.nothing, 3)
     (30, 0.741)
@@ -175,6 +176,7 @@ def worker_charging(
 
     Examples
     --------
+    >>> from optkit import scenario
     >>> charging = worker_charging(scenario("I.2", seed=0).sample(60, seed=1), rate=0.5)
     >>> charging.assumptions[1]
     'requests: nothing is assumed, nor charged for'
@@ -204,6 +206,7 @@ def presence_score(instances: Sequence[Instance], foresight: Foresight) -> float
 
     Examples
     --------
+    >>> from optkit import scenario
     >>> days = scenario("I.2", seed=0).sample(50, seed=1)
     >>> abs(presence_score(days, Foresight(fifo_presence(0.5), np.ones(1)))) < 4
     True

@@ -15,6 +15,7 @@ from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound
 from optkit.bounds.fluid.bound import FluidModel, fluid_bound
 from optkit.bounds.fluid.prices import FluidPrices
+from optkit.bounds.penalised.presence import presence_at as presence_at
 from optkit.instances.instance import Floats, Ints
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario
@@ -82,28 +83,6 @@ def _windows(horizon: int, mean: float) -> tuple[Ints, Ints, Floats]:
     arrival, lifetime, left = arrival[some], lifetime[some], left[some]
     longer = np.exp(-(np.maximum(lifetime, 1) - 1) / mean)
     return arrival, lifetime, np.where(lifetime == left, longer, longer * -np.expm1(-1.0 / mean))
-
-
-def presence_at(rate: float, horizon: int) -> Floats:
-    """Probability that a worker is seen at each step, (T,), if Poisson(rate) join a queue that begins empty.
-
-    Examples
-    --------
-    >>> presence_at(0.5, 4).round(3)
-    array([0.393, 0.448, 0.47 , 0.481])
-    """
-    from scipy.stats import poisson
-
-    most = int(np.ceil(rate * horizon + 12.0 * np.sqrt(rate * horizon) + 20))
-    join = poisson.pmf(np.arange(most + 1), rate)
-    length, found = np.zeros(most + 1), np.zeros(horizon)
-    length[0] = 1.0
-    for step in range(horizon):
-        joined = np.convolve(length, join)[: most + 1]
-        found[step] = 1.0 - joined[0]
-        length = np.append(joined[1:], 0.0)
-        length[0] += joined[0]
-    return found
 
 
 @dataclass(frozen=True)

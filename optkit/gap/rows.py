@@ -9,8 +9,7 @@ With all requests told apart, no policy's reward less its charge exceeds the pen
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +22,7 @@ from optkit.bounds.arrival.lattice import lattice_bits, stages
 from optkit.bounds.arrival.policy_value import Offer, policy_value
 from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import prove
-from optkit.bounds.penalised.charges import Charges
+from optkit.bounds.penalised.charges import Charges, KeptCharges
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.penalized import PenalizedCertificate, idle_steps, penalized, penalized_program
 from optkit.gap.policy_offers import lattice_offers
@@ -145,19 +144,6 @@ def _bound(kind: str, instance: Instance) -> Bound:
     return arrival_information(instance, "lagrangian" if kind == "lagrangian" else None)
 
 
-class _Seen(Charges):
-    """Charges that are worked out once."""
-
-    @cached_property
-    def _kept(self) -> dict[int, Floats]:
-        return {}
-
-    def __call__(self, step: int, requests: Ints) -> Floats:
-        if step not in self._kept:
-            self._kept[step] = super().__call__(step, requests)
-        return self._kept[step]
-
-
 @dataclass(frozen=True, eq=False)
 class _Charged:
     """A penalised bound, with its program and charges; proving it works them out once more, for the policies too."""
@@ -174,7 +160,7 @@ class _Charged:
         bound = penalized(instance, task.value, task.foresight, seed=task.stream(Stream.CHARGES), limit=task.limit)
         proof = bound.certificate
         assert isinstance(proof, PenalizedCertificate)
-        seen = _Seen(**{field.name: getattr(proof.charges, field.name) for field in fields(Charges)})
+        seen = KeptCharges.of(proof.charges)
         program = penalized_program(instance, proof.tracked, proof.multipliers)
         return cls(replace(bound, certificate=replace(proof, charges=seen)), program, seen, proof.tracked)
 

@@ -7,12 +7,11 @@ from optkit import scenario, simulate
 from optkit.basics.errors import InputError
 from optkit.bounds import arrival_information
 from optkit.bounds.fluid.bound import FluidModel, fluid_bound
-from optkit.gap.fluid_scenario import BidPriceValue, bid_prices, fluid_model, presence_at
+from optkit.gap.fluid_scenario import BidPriceValue, bid_prices, fluid_model
 from optkit.policies import PostDecisionPricing
 
 SOURCE = scenario("II", seed=3, horizon=12, mean_lifetime=4.0)
 DAYS = SOURCE.sample(4000, seed=1)
-SCALES = pytest.mark.parametrize("rate", [0.0, 0.2, 1.0, 3.0])
 
 
 def test_expected_requests_are_those_that_come():
@@ -37,16 +36,6 @@ def test_expected_requests_are_those_that_come():
     for seen, day in zip(there, DAYS, strict=True):
         seen[day.worker_step, day.worker_group] = 1
     same(model.presence, there)
-
-
-@SCALES
-def test_presence_of_workers_is_that_of_a_simulated_queue(rate):
-    """Ten thousand queues, within five standard errors."""
-    rng, queue = np.random.default_rng(0), np.zeros(10_000, int)
-    for p in presence_at(rate, 15):
-        queue += rng.poisson(rate, queue.size)
-        assert abs((queue > 0).mean() - p) <= 5 * np.sqrt(p * (1 - p) / queue.size) + 1e-12
-        queue -= queue > 0
 
 
 def test_the_bound_is_proven_and_above_what_can_be_earned():

@@ -15,7 +15,7 @@ waiting requests only must choose them without foresight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -161,3 +161,24 @@ class Charges:
             d = Decisions((len(worth),), worth, relative, scale, open_, advantage)
             future = future + weight[g] * mu * nonnegative(d).ratio[:, 0]
         return np.asarray(future)
+
+
+class KeptCharges(Charges):
+    """Charges that are worked out once and looked at several times."""
+
+    @classmethod
+    def of(cls, charges: Charges) -> KeptCharges:
+        """Return the same charges, as they are if they are kept already."""
+        if isinstance(charges, cls):
+            return charges
+        return cls(**{field.name: getattr(charges, field.name) for field in fields(Charges)})
+
+    @cached_property
+    def _kept(self) -> dict[int, Floats]:
+        return {}
+
+    def __call__(self, step: int, requests: Ints) -> Floats:
+        """Charge of every subset of the k requests that wait after a step, (2^k,), money."""
+        if step not in self._kept:
+            self._kept[step] = super().__call__(step, requests)
+        return self._kept[step]

@@ -14,6 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.errors import InputError
+from optkit.bounds.penalised.presence import CERTAIN as CERTAIN
+from optkit.bounds.penalised.presence import LONGEST as LONGEST
+from optkit.bounds.penalised.presence import fifo_presence as fifo_presence
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.models.value.request_sets import KnownRequests
 
@@ -27,8 +30,9 @@ class Foresight:
 
     Attributes
     ----------
-    presence : (K,) float
-        Probability of a worker after 0, 1, ..., K - 1 or more steps in a row that saw one.
+    presence : (K,) or (T, K) float
+        Probability of a worker after 0, 1, ..., K - 1 or more steps in a row that saw one, the same at each step of the
+        day or one row for each; :func:`~optkit.bounds.penalised.presence.fifo_presence` makes either from rates.
     share : (D,) float
         Probability of each group.
     arrivals : tuple of Instance
@@ -58,8 +62,8 @@ class Foresight:
     draws: int = 8
 
     def __post_init__(self) -> None:
-        for name in ("presence", "share"):
-            object.__setattr__(self, name, _probabilities(name, getattr(self, name)))
+        object.__setattr__(self, "presence", _probabilities("presence", self.presence, by_step=True))
+        object.__setattr__(self, "share", _probabilities("share", self.share))
         _adds_up("share", self.share)
         if isinstance(self.draws, bool) or not isinstance(self.draws, int | np.integer) or self.draws < 1:
             raise InputError(f"draws = {self.draws!r} must be a whole number of at least 1")
@@ -111,7 +115,7 @@ class Foresight:
         Raises
         ------
         InputError
-            If the shares are those of other groups.
+            If the shares are those of other groups, or the day is longer than the rows of ``presence``.
         """
         if self.share.size != instance.n_groups:
             raise InputError(f"share has {self.share.size} groups; the instance to be bounded has {instance.n_groups}")
@@ -120,7 +124,25 @@ class Foresight:
         group[instance.worker_step] = instance.worker_group
         idle = np.maximum.accumulate(np.where(group < 0, step, -1))
         busy = np.concatenate([[0], (step - idle)[:-1]])
-        return Outlook(group, busy, self.presence[np.minimum(busy, self.presence.size - 1)])
+        return Outlook(group, busy, self.presence_after(step, busy))
+
+    def presence_after(self, step: Ints, busy: Ints) -> Floats:
+        """Probability of a worker at each step, given for how many in a row one had been seen.
+
+        Raises
+        ------
+        InputError
+            If a step lies beyond the rows of ``presence``.
+        """
+        stretch = np.minimum(busy, self.presence.shape[-1] - 1)
+        if self.presence.ndim == 1:
+            return np.asarray(self.presence[stretch])
+        if step.max(initial=-1) >= len(self.presence):
+            raise InputError(
+                f"presence has a row for each of {len(self.presence)} steps; the instance to be bounded has "
+                f"{int(step.max()) + 1}: give a rate for each of its steps"
+            )
+        return np.asarray(self.presence[step, stretch])
 
 
 class Outlook(NamedTuple):
@@ -141,83 +163,24 @@ class Outlook(NamedTuple):
     presence: Floats
 
 
-def _probabilities(name: str, value: npt.ArrayLike) -> Floats:
-    """Return a row of numbers from 0 to 1, or raise an InputError."""
+def _probabilities(name: str, value: npt.ArrayLike, by_step: bool = False) -> Floats:
+    """Return a row of numbers from 0 to 1, or a row for each step if that is allowed; or raise an InputError."""
     try:
         p = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{name} is not a row of numbers; give probabilities") from None
-    if p.ndim != 1 or not p.size:
-        raise InputError(f"{name} has shape {p.shape}; give a row of probabilities")
+    if p.ndim not in ((1, 2) if by_step else (1,)) or not p.size:
+        raise InputError(f"{name} has shape {p.shape}; give a row of probabilities{', or one a step' * by_step}")
     wrong = ~((p >= 0) & (p <= 1))
     if wrong.any():
-        i = int(wrong.argmax())
-        raise InputError(f"{name}[{i}] = {p[i]:g} is no probability; give numbers from 0 to 1")
+        at = tuple(int(i) for i in np.argwhere(wrong)[0])
+        raise InputError(f"{name}[{', '.join(map(str, at))}] = {p[at]:g} is no probability; give numbers from 0 to 1")
     return p
 
 
 def _adds_up(name: str, p: Floats) -> None:
     if abs(p.sum() - 1.0) > 1e-9:
         raise InputError(f"{name} adds up to {p.sum():.9g}, not to 1: give the probability of every case")
-
-
-CERTAIN = 40.0
-"""Workers who join in a step, in the mean, beyond which one is there for sure: exp(-40) is less than rounding."""
-
-
-LONGEST = 250
-"""Busy stretch that is told apart from longer ones."""
-
-
-def fifo_presence(rate: float, longest: int = LONGEST) -> Floats:
-    """Probability of a worker after k steps in a row that saw one, (longest + 1,), if Poisson(rate) join the queue.
-
-    Workers queue first-in first-out and one is seen a step (paper section 2.2). A step without a worker shows that the
-    queue is empty, so the length of the busy stretch is all that the past tells of it.
-
-    Parameters
-    ----------
-    rate : float
-        Mean number of workers who join the queue in a step.
-    longest : int
-        Stretch beyond which the last probability is used. From the horizon on it is never used, and nothing is amiss;
-        the probabilities converge slowly, at rate 0.75 from 0.944 after 60 steps to 0.958 after 250.
-
-    Returns
-    -------
-    (longest + 1,) float
-        Entry k is the probability after k steps in a row that saw a worker.
-
-    Raises
-    ------
-    InputError
-        If the rate is negative or not finite, or ``longest`` is no whole number of at least 0.
-
-    Examples
-    --------
-    >>> fifo_presence(0.5, 3).round(3)
-    array([0.393, 0.533, 0.601, 0.642])
-    """
-    from scipy.stats import poisson
-
-    if not 0 <= rate < np.inf or not isinstance(longest, int | np.integer) or longest < 0:
-        raise InputError(f"rate = {rate!r} must be a finite number and longest = {longest!r} a whole one, both >= 0")
-    if rate > CERTAIN:
-        return np.ones(longest + 1)
-    # Beyond this length the queue has no chance worth a digit.
-    most = int(np.ceil(rate * (longest + 1) + 12.0 * np.sqrt(rate * (longest + 1)) + 20))
-    join = poisson.pmf(np.arange(most + 1), rate)
-    length = np.zeros(most + 1)  # of the queue after the decision, given the stretch
-    length[0] = 1.0
-    found = np.zeros(longest + 1)
-    for k in range(longest + 1):
-        joined = np.convolve(length, join)[: most + 1]
-        found[k] = 1.0 - joined[0] / joined.sum()
-        if found[k] in (0.0, 1.0):  # then it stays so
-            found[k:] = found[k]
-            break
-        length = np.append(joined[1:], 0.0) / joined[1:].sum()
-    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from optkit.bounds.arrival.exact import check_limit, checked_multipliers
 from optkit.bounds.arrival.lattice import stages
 from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
-from optkit.bounds.penalised.charges import Charges
+from optkit.bounds.penalised.charges import Charges, KeptCharges
 from optkit.bounds.penalised.foresight import Foresight, join_requests
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.models.value.request_sets import SetValue
@@ -75,7 +75,7 @@ class PenalizedCertificate:
             raise InputError("these charges were made for another instance")
         multipliers = checked_multipliers(np.asarray(self.multipliers, float), instance.n_requests)
         program = penalized_program(instance, self.tracked, multipliers)
-        charges = KeptCharges(self.charges)
+        charges = KeptCharges.of(self.charges)
         bound, attained = program.check(list(self.tables), charges)
         idle = self.charges.idle(idle_steps(program))
         return Verdict(bound=bound - idle, attained=attained - idle, residual=0.0)
@@ -209,17 +209,3 @@ def _multipliers(instance: Instance, tracked: Bools) -> Floats:
 def _silent(instance: Instance) -> Instance:
     """The instance without its noise, which plays no part."""
     return replace(instance, noise=None, outside_noise=None)
-
-
-class KeptCharges:
-    """Charges that are worked out once and looked at twice."""
-
-    def __init__(self, charges: Charges) -> None:
-        self._charges = charges
-        self._seen: dict[int, Floats] = {}
-
-    def __call__(self, step: int, requests: Ints) -> Floats:
-        """Charge of every subset, (2^k,), money."""
-        if step not in self._seen:
-            self._seen[step] = self._charges(step, requests)
-        return self._seen[step]

@@ -7,87 +7,11 @@ import pytest
 
 from optkit import Instance, scenario
 from optkit.basics.errors import InputError
-from optkit.bounds.penalised.foresight import CERTAIN, HAND, Foresight, fifo_presence, join_requests, surroundings
-from optkit.instances.instance import fifo_queue
+from optkit.bounds.penalised.foresight import HAND, Foresight, join_requests, surroundings
 
 POOL = scenario("II", seed=0, horizon=12).sample(40, seed=1)
 DAY = scenario("II", seed=0, horizon=12).sample(1, seed=2)[0]
 THIRDS = np.full(3, 1 / 3)
-
-
-def transitions(rate, runs, horizon, rng):
-    """Length of the busy stretch before each step of queues that begin empty, and whether a worker is seen."""
-    before, seen = [], []
-    for _ in range(runs):
-        step, _ = fifo_queue(np.repeat(np.arange(horizon), rng.poisson(rate, horizon)), horizon)
-        now = np.zeros(horizon, bool)
-        now[step] = True
-        stretch = 0
-        for one in now:
-            before.append(stretch)
-            seen.append(one)
-            stretch = stretch + 1 if one else 0
-    return np.array(before), np.array(seen)
-
-
-@pytest.mark.parametrize("rate", [0.2, 0.5, 0.9, 1.4])
-def test_the_queue_is_that_of_long_simulations(rate):
-    """Each stretch's frequency within 4 standard errors: given the stretch, the next step is a toss of its own."""
-    before, seen = transitions(rate, 400, 200, np.random.default_rng(0))
-    table = fifo_presence(rate)
-    checked = 0
-    for stretch in range(9):
-        here = seen[before == stretch]
-        if here.size > 300:
-            checked += 1
-            p = table[stretch]
-            assert here.mean() == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / here.size))
-    assert checked >= (4 if rate == 0.2 else 9)
-
-
-def test_stretches_as_long_as_the_horizon_are_in_the_default_table():
-    """At rate 0.95 over 200 steps, the expected and the actual number of workers after 60 busy steps and more."""
-    before, seen = transitions(0.95, 300, 200, np.random.default_rng(1))
-    long_ = before >= 60
-    p = fifo_presence(0.95)[before[long_]]
-    assert p.size > 10_000
-    assert seen[long_].sum() == pytest.approx(p.sum(), abs=4 * np.sqrt((p * (1 - p)).sum()))
-
-
-@pytest.mark.parametrize("rate", [0.1, 0.5, 0.8])
-def test_a_share_of_the_steps_equal_to_the_rate_is_busy(rate):
-    """Renewals: idle steps are 1/(1 - rate) apart, and a stretch lasts beyond k with the product of k + 1 entries."""
-    lasts = np.cumprod(fifo_presence(rate, 600))
-    # 600 steps leave less than 1e-7 of the busiest queue's stretches.
-    assert 1.0 + lasts.sum() == pytest.approx(1.0 / (1.0 - rate), rel=1e-6)
-
-
-@pytest.mark.parametrize("rate", [0.3, 1.0, 3.0])
-def test_the_first_entries_by_hand(rate):
-    """After an idle step one must join; after one busy step he had to be alone, and nobody may join."""
-    idle = rate * np.exp(-2 * rate) / (1 - np.exp(-rate))
-    assert fifo_presence(rate, 1) == pytest.approx([1 - np.exp(-rate), 1 - idle], abs=1e-12)
-
-
-def test_longer_stretches_and_higher_rates_make_a_worker_likelier():
-    tables = np.array([fifo_presence(rate, 30) for rate in (0.0, 0.1, 0.5, 0.99, 1.0, 1.5, 5.0, 20.0, 39.9, 40.1, 1e8)])
-    assert (np.diff(tables, axis=0) >= -1e-12).all()
-    assert (np.diff(tables, axis=1) >= -1e-12).all()  # rounding of sums of probabilities
-    assert ((tables >= 0) & (tables <= 1)).all()
-    assert (tables[0] == 0).all()
-    assert (tables[-1] == 1).all()
-    assert fifo_presence(0.99 * CERTAIN, 3) == pytest.approx(np.ones(4), abs=1e-15)
-
-
-@pytest.mark.parametrize("rate", [0.5, 1.2])
-def test_a_short_table_is_the_beginning_of_a_long_one(rate):
-    assert fifo_presence(rate, 4) == pytest.approx(fifo_presence(rate, 80)[:5], abs=1e-12)
-
-
-@pytest.mark.parametrize(("rate", "longest"), [(-0.1, 5), (np.inf, 5), (np.nan, 5), (0.5, -1), (0.5, 2.5)])
-def test_a_rate_or_length_out_of_range_is_refused(rate, longest):
-    with pytest.raises(InputError, match="rate"):
-        fifo_presence(rate, longest)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +21,8 @@ def test_a_rate_or_length_out_of_range_is_refused(rate, longest):
         ({"presence": [np.nan]}, r"presence\[0\] = nan"),
         ({"presence": []}, "presence has shape"),
         ({"presence": 0.5}, "presence has shape"),
-        ({"presence": [[0.5]]}, "presence has shape"),
+        ({"presence": [[[0.5]]]}, "presence has shape"),
+        ({"presence": [[0.5, 0.6], [0.7, 1.5]]}, r"presence\[1, 1\] = 1.5"),
         ({"presence": ["often"]}, "presence is not a row of numbers"),
         ({"share": [0.5, 0.6]}, "share adds up to 1.1"),
         ({"share": [1.5, -0.5]}, r"share\[0\]"),
@@ -157,6 +82,19 @@ def test_who_has_been_seen_step_by_step():
     assert seen.group.tolist() == [-1, 2, 0, 1, -1, 2, -1, -1, -1, -1, -1, -1]
     assert seen.busy.tolist() == [0, 0, 1, 2, 3, 0, 1, 0, 0, 0, 0, 0]
     assert seen.presence.tolist() == [0.1, 0.1, 0.2, 0.3, 0.3, 0.1, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1]
+
+
+def test_a_row_for_each_step_is_looked_up_by_step_and_stretch():
+    """With rates that change the same stretch means another thing at another step; a day without a row is refused."""
+    day = replace(DAY, worker_step=[1, 2, 5], worker_group=[2, 0, 2], noise=None, outside_noise=None)
+    table = np.arange(36).reshape(12, 3) / 100
+    seen = Foresight(table, THIRDS).of_workers(day)
+    assert seen.busy.tolist() == [0, 0, 1, 2, 0, 0, 1, 0, 0, 0, 0, 0]
+    assert seen.presence.tolist() == [table[t, min(k, 2)] for t, k in enumerate(seen.busy)]
+    same = Foresight(np.tile([0.1, 0.2, 0.3], (12, 1)), THIRDS).of_workers(day)
+    assert same.presence.tolist() == Foresight([0.1, 0.2, 0.3], THIRDS).of_workers(day).presence.tolist()
+    with pytest.raises(InputError, match="a row for each of 11 steps; the instance to be bounded has 12"):
+        Foresight(table[:11], THIRDS).of_workers(day)
 
 
 def test_all_requests_are_in_one_table_with_utilities_above_rejecting():
