@@ -30,6 +30,7 @@ from rich.table import Table
 from scipy.optimize import minimize
 
 from optkit import scenario
+from optkit.basics.files import write_whole
 from optkit.bounds.arrival.dual import arrival_dual
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.program import arrival_program
@@ -175,7 +176,7 @@ def main() -> None:
             console.print(show(results[-1]))
     options.output.parent.mkdir(parents=True, exist_ok=True)
     found = {"machine": versions, "hard_limit_s": HARD_LIMIT, "runs": runs, "results": results}
-    options.output.write_text(json.dumps(found, indent=1))
+    write_whole(options.output, json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit.basics.errors import SolverError
+from optkit.basics.files import write_whole
 from optkit.bounds import full_information
 from optkit.bounds.full.edges import edges
 from optkit.bounds.full.matching import dense_matching, sparse_matching
@@ -234,11 +235,8 @@ def main() -> None:
         results.append(measure(steps, 0.2 if options.quick else 2.0, console))
         console.print(show(results[-1]))
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(
-        json.dumps(
-            {"machine": versions, "milp_limit_s": MILP_LIMIT, "hard_limit_s": HARD_LIMIT, "sizes": results}, indent=1
-        )
-    )
+    found = {"machine": versions, "milp_limit_s": MILP_LIMIT, "hard_limit_s": HARD_LIMIT, "sizes": results}
+    write_whole(options.output, json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

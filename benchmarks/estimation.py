@@ -292,7 +292,9 @@ def main() -> None:
         console.print(table)
     packages = ("numpy", "scipy", "pandas", "statsmodels", "xlogit", "biogeme")
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps({"machine": machine(*packages), "runs": found}, indent=1) + "\n")
+    from optkit.basics.files import write_whole  # peers are measured without optkit
+
+    write_whole(arguments.output, json.dumps({"machine": machine(*packages), "runs": found}, indent=1) + "\n")
     console.print(f"written to {arguments.output}")
 
 

@@ -30,6 +30,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from optkit import scenario
+from optkit.basics.files import write_whole
 from optkit.basics.plain_json import to_json
 from optkit.bounds.penalised.penalized import LIMIT
 from optkit.gap.charging import MOST, TRAINING, scenario_charging
@@ -136,7 +137,7 @@ def main() -> None:
     options.output.parent.mkdir(parents=True, exist_ok=True)
     versions = machine("optkit", "numpy", "scipy", "scikit-learn")
     told = {"machine": versions, "jobs": options.jobs, "limit": options.limit, "results": rows}
-    options.output.write_text(to_json(told) + "\n")
+    write_whole(options.output, to_json(told) + "\n")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit import performance_ratio, scenario, simulate
+from optkit.basics.files import write_whole
 from optkit.bounds import full_information
 from optkit.learning.rounds import RIDGE, learn_once, learn_preferences
 from optkit.models.estimation import EstimationWarning
@@ -102,7 +103,7 @@ def main() -> None:
         )
     console.print(table)
     place = Path(__file__).parent / "results" / "learning.json"
-    place.write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1) + "\n")
+    write_whole(place, json.dumps({"machine": machine(), "rows": rows}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import numpy as np
 from _machine import machine
 
 from optkit import scenario, simulate
+from optkit.basics.files import write_whole
 from optkit.basics.plain_json import to_json
 from optkit.bounds import Foresight, full_information
 from optkit.bounds.arrival.dual import arrival_dual
@@ -90,7 +91,7 @@ def main() -> None:
             shown = ", ".join(f"{k} {a:+.2f} [{b:+.2f}, {c:+.2f}]" for k, (a, b, c) in told.items())
             print(f"{name}, world {seed}: fluid {rows[-1]['fluid']:.1f}; {shown}", flush=True)
             told_machine = {"machine": machine("optkit", "numpy", "scipy"), "results": rows}
-            options.output.write_text(to_json(told_machine) + "\n")
+            write_whole(options.output, to_json(told_machine) + "\n")
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 from optkit.basics.errors import SolverError  # noqa: E402
+from optkit.basics.files import write_whole  # noqa: E402
 from optkit.models.pricing import certify, optimal_prices  # noqa: E402
 from optkit.models.pricing_program import PricingProgram  # noqa: E402
 
@@ -215,7 +216,7 @@ def main() -> None:
                 f"{name}: {ratio:,.0f} times faster, goal {goal:,.0f}: {'met' if ratio >= goal else 'MISSED'}"
             )
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(record, indent=1) + "\n")
+    write_whole(options.output, json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

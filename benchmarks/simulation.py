@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit import Instance, scenario, simulate
+from optkit.basics.files import write_whole
 from optkit.models.pricing import optimal_prices
 from optkit.policies import PostDecisionPricing, RewardPercentage
 from optkit.policies.tuning import tune_formula, tune_reward_percentage
@@ -145,7 +146,7 @@ def main() -> None:
     show(found)
     if not options.quick:
         RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        write_whole(RESULTS, json.dumps(found, indent=2) + "\n")
 
 
 if __name__ == "__main__":

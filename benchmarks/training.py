@@ -29,6 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 from optkit import scenario, simulate
+from optkit.basics.files import write_whole
 from optkit.basics.plain_json import to_json
 from optkit.gap.charging import MOST, TRAINING
 from optkit.learning.training import train
@@ -140,7 +141,7 @@ def main() -> None:
         table.add_row(row["scenario"], row["form"], str(row["instances"]), *spent, *priced)
     Console().print(table)
     result = {"machine": machine("numpy", "scipy", "scikit-learn", "torch"), "rows": rows}
-    chosen.out.write_text(to_json(result) + "\n")
+    write_whole(chosen.out, to_json(result) + "\n")
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from rich.table import Table
 
 from optkit import performance_ratio, scenario, simulate
 from optkit.basics.errors import OptkitError
+from optkit.basics.files import write_whole
 from optkit.bounds import arrival_information, full_information
 from optkit.gap.charging import MOST, TRAINING
 from optkit.instances.new_york.trip_scenario import TripScenario
@@ -218,7 +219,7 @@ def main() -> None:
         for label in cell["failed"]:
             console.print(f"{cell['scenario']}, world {cell['seed']}, {cell['choice']}: {label} led nowhere: myopic")
     result = {"machine": machine("numpy", "scipy", "torch"), "jobs": chosen.jobs, "rows": rows, "failed": failed}
-    chosen.out.write_text(json.dumps(result, indent=1) + "\n")
+    write_whole(chosen.out, json.dumps(result, indent=1) + "\n")
 
 
 if __name__ == "__main__":

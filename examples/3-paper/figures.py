@@ -10,6 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from optkit.basics.files import write_whole
 from optkit.plotting.files import figure_bytes
 from optkit.studies.claims.verdicts import claims
 from optkit.studies.grids import Study
@@ -58,7 +59,7 @@ def main(source: str | None = None, target: str | None = None) -> None:
             assert image.startswith(b"\x89PNG")
             if target is not None:
                 Path(target).mkdir(parents=True, exist_ok=True)
-                (Path(target) / f"{label}.png").write_bytes(image)
+                write_whole(Path(target) / f"{label}.png", image)
         found = claims(name, tables)
         assert found
         for one in found:

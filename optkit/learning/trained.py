@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import os
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optkit.basics.errors import DataError, InputError, OptkitError
-from optkit.basics.plain_json import to_json
+from optkit.basics.files import write_whole
+from optkit.basics.plain_json import is_sealed, sealed, to_json
 from optkit.basics.version import __version__
 from optkit.learning.beliefs import BelievedValue
 from optkit.models.preferences.preferences import Preferences
@@ -79,31 +79,30 @@ class Trained:
         target = Path(path)
         if not target.name:
             raise OptkitError(f"{os.fspath(path)!r} names no file to write a policy to")
+        return write_whole(target, to_json(sealed(self.to_dict())) + "\n")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data, as it stands in the file.
+
+        Raises
+        ------
+        InputError
+            If the value function cannot be written: one of your own.
+        """
         if not callable(getattr(self.value, "to_dict", None)):
             raise InputError(f"a {type(self.value).__name__} has no to_dict: it cannot be written to a file")
-        text = to_json(
-            {
-                "format": FORMAT,
-                "version": VERSION,
-                "optkit": __version__,
-                "value": self.value.to_dict(),  # type: ignore[attr-defined]
-                "preferences": None if self.preferences is None else self.preferences.to_dict(),
-                "score": self.score,
-                "settings": self.settings,
-                "record": self.record,
-                "failures": self.failures,
-                "source": self.source,
-            }
-        )
-        staging = target.with_name(f".{target.name}.tmp")
-        try:
-            staging.write_text(text)
-            os.replace(staging, target)
-        except OSError as error:
-            with suppress(OSError):
-                staging.unlink()
-            raise OptkitError(f"{target} cannot be written ({error.strerror or error})") from error
-        return target
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "optkit": __version__,
+            "value": self.value.to_dict(),  # type: ignore[attr-defined]
+            "preferences": None if self.preferences is None else self.preferences.to_dict(),
+            "score": self.score,
+            "settings": self.settings,
+            "record": self.record,
+            "failures": self.failures,
+            "source": self.source,
+        }
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trained:
@@ -112,11 +111,12 @@ class Trained:
         Raises
         ------
         DataError
-            If the file cannot be read, or is not such a file.
+            If the file cannot be read, is not such a file, or was changed since; who edits one takes its entry
+            ``sha256`` out.
         """
         source = Path(path)
         try:
-            plain = json.loads(source.read_text())
+            plain = json.loads(source.read_bytes())
         except OSError as error:
             raise DataError(f"{source} cannot be read ({error.strerror or error})") from error
         except (RecursionError, ValueError) as error:
@@ -125,6 +125,22 @@ class Trained:
             raise DataError(f"{source} holds no trained policy of optkit")
         if plain.get("version") != VERSION:
             raise DataError(f"{source} has version {plain.get('version')!r}; this optkit reads version {VERSION}")
+        if "sha256" in plain and not is_sealed(plain):
+            raise DataError(f"{source} was changed or damaged (its sha256 differs; after an edit, delete that entry)")
+        try:
+            return cls.from_dict(plain)
+        except InputError as error:
+            raise DataError(f"{source}: {error}") from None
+
+    @classmethod
+    def from_dict(cls, plain: dict[str, Any]) -> Trained:
+        """Make a policy again from its plain data.
+
+        Raises
+        ------
+        InputError
+            If the data are incomplete or do not fit together.
+        """
         try:
             value = value_of(plain["value"])
             believed = plain["preferences"]
@@ -133,10 +149,10 @@ class Trained:
                 raise InputError(f"the score {score} is no number")
             more = (score, [dict(row) for row in plain["record"]], dict(plain["settings"]), list(plain["failures"]))
             told = dict(plain.get("source", {}))
-        except InputError as error:
-            raise DataError(f"{source}: {error}") from None
+        except InputError:
+            raise
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-            raise DataError(f"{source} is incomplete: {error!r}") from None
+            raise InputError(f"the trained policy is incomplete: {error!r}") from None
         choice = TrueChoice() if preferences is None else preferences
         policy = PostDecisionPricing(choice=choice, value_function=BelievedValue(value, preferences))
         return cls(policy, value, preferences, *more, told)

@@ -1,9 +1,9 @@
-"""Figures as files, the same bytes each time: nothing inside tells when they were drawn."""
+"""Figures as files, the same bytes each time: nothing inside tells when they were drawn, but that optkit drew them."""
 
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from optkit.basics.errors import InputError
 
@@ -11,37 +11,55 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+MARK = "optkit"
+"""Stands in every picture, by which it is known again."""
 
-def figure_bytes(ax: Axes, kind: str) -> bytes:
-    """Return the figure of an axes as a file of the given kind, ``"png"`` or ``"pdf"``, without a date inside."""
-    sink = io.BytesIO()
-    figure = ax.get_figure(root=True)
-    if figure is None:
-        raise InputError("these axes have no figure")
-    dated = {"CreationDate": None} if kind == "pdf" else None
-    figure.savefig(sink, format=kind, dpi=160, metadata=dated)
-    return sink.getvalue()
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": MARK},
+    "pdf": {"Creator": MARK, "CreationDate": None},
+    "svg": {"Creator": MARK, "Date": None},
+}
 
 
-def new_figure(width: float, height: float, *, apart: float = 0.02) -> Figure:
-    """Return a figure, in inches, that belongs to nobody's pyplot state and keeps its labels apart.
+def figure_bytes(drawn: Axes | Figure, kind: str, *, name: str = MARK, facecolor: str = "auto") -> bytes:
+    """Return a figure as a file.
 
     Parameters
     ----------
-    width, height : float
-        In inches.
-    apart : float
-        Space between columns of panels, as a share of a panel's width.
+    drawn : matplotlib Figure, or axes of one
+        What to save.
+    kind : {"png", "pdf", "svg"}
+        Of the file.
+    name : str
+        Names inside an SVG come from it: two in one page must not share theirs.
+    facecolor : str
+        As for matplotlib.
+
+    Returns
+    -------
+    bytes
+        The same each time for the same figure.
+
+    Raises
+    ------
+    InputError
+        If the axes belong to no figure.
 
     Examples
     --------
-    >>> new_figure(4.0, 3.0).get_size_inches().tolist()
-    [4.0, 3.0]
+    >>> picture = figure_bytes(new_figure(1.0, 1.0), "png")
+    >>> picture[1:4], drawn_here(picture)
+    (b'PNG', True)
     """
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
+    from matplotlib import rc_context
 
-    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(wspace=apart))
+    sink = io.BytesIO()
+    figure: Any = drawn if hasattr(drawn, "savefig") else drawn.get_figure(root=True)
+    if figure is None:
+        raise InputError("these axes have no figure")
+    with rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):
+        figure.savefig(sink, format=kind, dpi=160, metadata=_METADATA[kind], facecolor=facecolor)
+    return sink.getvalue()
 
 
 def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
@@ -65,13 +83,42 @@ def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
     >>> sorted(figure_files("empty", new_figure(1.0, 1.0)))
     ['empty.pdf', 'empty.png', 'empty.svg']
     """
-    from matplotlib import rc_context
+    return {
+        f"{name}.{kind}": figure_bytes(figure, kind, name=name, facecolor="white") for kind in ("pdf", "svg", "png")
+    }
 
-    made = {}
-    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": None}
-    with rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):
-        for kind, meta in undated.items():
-            sink = io.BytesIO()
-            figure.savefig(sink, format=kind, dpi=160, metadata=meta, facecolor="white")
-            made[f"{name}.{kind}"] = sink.getvalue()
-    return made
+
+def drawn_here(picture: bytes) -> bool:
+    """Whether a PNG or PDF file is as :func:`figure_bytes` made it.
+
+    Examples
+    --------
+    >>> drawn_here(b"dear diary")
+    False
+    """
+    if picture.startswith(b"\x89PNG"):
+        return b"tEXtSoftware\0" + MARK.encode() in picture.partition(b"IDAT")[0]
+    whole = picture.startswith(b"%PDF") and picture.rstrip().endswith(b"%%EOF")
+    # What is added to a PDF file later, a comment for example, has an end of its own.
+    return whole and picture.count(b"%%EOF") == 1 and f"/Creator ({MARK})".encode() in picture
+
+
+def new_figure(width: float, height: float, *, apart: float = 0.02) -> Figure:
+    """Return a figure, in inches, that belongs to nobody's pyplot state and keeps its labels apart.
+
+    Parameters
+    ----------
+    width, height : float
+        In inches.
+    apart : float
+        Space between columns of panels, as a share of a panel's width.
+
+    Examples
+    --------
+    >>> new_figure(4.0, 3.0).get_size_inches().tolist()
+    [4.0, 3.0]
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(wspace=apart))

@@ -235,9 +235,14 @@ TERM = ("value", "terms", 0)
     ],
 )
 def test_damaged_files(tmp_path, trained, where, what):
-    """One wrong entry anywhere, and the file is refused in one line; without it, it is read."""
+    """One wrong entry anywhere, and the file is refused in one line, without a digest too; without it, it is read."""
     path = trained["kernel pooled"].save(tmp_path / "policy.json")
     plain = json.loads(path.read_text())
+    Trained.load(path)
+    path.write_text(json.dumps(changed(plain, where, what)))
+    assert "was changed or damaged" in refused(path)
+    del plain["sha256"]
+    path.write_text(json.dumps(plain))
     Trained.load(path)
     path.write_text(json.dumps(changed(plain, where, what)))
     refused(path)
@@ -248,7 +253,7 @@ def test_missing_parts(tmp_path, trained, name):
     """Every part is needed; the message says which one is missing."""
     path = trained["linear"].save(tmp_path / "policy.json")
     plain = json.loads(path.read_text())
-    del plain[name]
+    del plain[name], plain["sha256"]
     path.write_text(json.dumps(plain))
     assert name in refused(path)
 

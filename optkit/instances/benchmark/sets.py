@@ -11,14 +11,14 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optkit.basics.errors import DataError, InputError, OptkitError
+from optkit.basics.errors import DataError, InputError
+from optkit.basics.files import locked_folder, write_together
 from optkit.basics.version import __version__
 from optkit.instances.benchmark.digest import DECIMALS, benchmark_digest
 from optkit.instances.catalogue import scenario
@@ -171,7 +171,7 @@ def write_benchmark_sets(
     place, whole = Path(folder), frozen()["sets"]
     asked = [(name, world) for name in _names(scenarios) for world in _worlds(worlds)]
     names = [f"{name}-{world}" for name, world in asked]
-    before = _listed_before(place, names)
+    _listed_before(place, names)
     tell = progress or _silent
     # Look at everything before the first part is written.
     kept: list[str] = []
@@ -185,14 +185,16 @@ def write_benchmark_sets(
         missing = [part for part in PARTS if f"{name}-{world}/{part}" not in kept]
         written += _write_parts(place / f"{name}-{world}", name, world, missing, overwrite) if missing else []
     tell("write", len(names), len(names))
-    _write(place / "README.md", datasheet().encode())
-    stay = [name for name in whole if name in names or (name in before["sets"] and (place / name).is_dir())]
-    hashes = {"README.md": _sha256(place / "README.md")}
-    for name in stay:
-        old = {file: digest for file, digest in before["files"].items() if file.startswith(f"{name}/")}
-        hashes |= old if name not in names else _hashes(place, name)
-    about = {"format": FORMAT, "version": VERSION, "sets": {name: whole[name] for name in stay}, "files": hashes}
-    _write(place / "CHECKSUMS.json", (json.dumps(about, indent=1) + "\n").encode())
+    with locked_folder(place):
+        before = _listed_before(place, names)  # another process may have added sets
+        stay = [name for name in whole if name in names or (name in before["sets"] and (place / name).is_dir())]
+        hashes = {"README.md": hashlib.sha256(datasheet().encode()).hexdigest()}
+        for name in stay:
+            old = {file: digest for file, digest in before["files"].items() if file.startswith(f"{name}/")}
+            hashes |= old if name not in names else _hashes(place, name)
+        about = {"format": FORMAT, "version": VERSION, "sets": {name: whole[name] for name in stay}, "files": hashes}
+        listed = json.dumps(about, indent=1) + "\n"
+        write_together({place / "README.md": datasheet(), place / "CHECKSUMS.json": listed})
     return {"sets": {name: whole[name] for name in names}, "written": written, "kept": kept}
 
 
@@ -312,12 +314,12 @@ def _listed_before(folder: Path, names: Sequence[str]) -> dict[str, Any]:
             raise InputError(f"{place} is not a folder: choose another --out")
         if (place / "scenario.json").exists():
             raise InputError(f"{place} holds one instance set: choose another --out")
-    if (folder / "CHECKSUMS.json").exists():
-        return _read_checksums(folder / "CHECKSUMS.json")
-    readme = folder / "README.md"
-    if readme.exists() and read_bytes(readme) != datasheet().encode():
+    readme, sums = folder / "README.md", folder / "CHECKSUMS.json"
+    listed = _read_checksums(sums) if sums.exists() else {"sets": {}, "files": {}}
+    ours = (hashlib.sha256(datasheet().encode()).hexdigest(), listed["files"].get(readme.name))
+    if readme.exists() and _sha256(readme) not in ours:
         raise InputError(f"{readme} is not the datasheet, so it stays: choose another --out")
-    return {"sets": {}, "files": {}}
+    return listed
 
 
 def _read_checksums(path: Path) -> dict[str, Any]:
@@ -350,17 +352,3 @@ def _demand_same(folder: Path, have: dict[str, str], stated: dict[str, Any]) -> 
                 f"{folder / file} {state} (by CHECKSUMS.json): copy the folder again, or write it anew with "
                 "optkit generate benchmark"
             )
-
-
-def _write(path: Path, data: bytes) -> None:
-    staging = path.with_name(f".{path.name}.tmp")
-    try:
-        with open(staging, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(staging, path)
-    except OSError as error:
-        with suppress(OSError):
-            staging.unlink(missing_ok=True)
-        raise OptkitError(f"{path} cannot be written ({error.strerror or error})") from error

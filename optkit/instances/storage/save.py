@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from optkit.basics.errors import InputError, OptkitError
+from optkit.basics.errors import InputError
+from optkit.basics.files import cannot_write
 from optkit.basics.folders import foreign_entry, publish, set_aside
 from optkit.basics.version import __version__
 from optkit.instances.instance import Instance
@@ -80,15 +81,21 @@ def save_instances(
     """
     items = _checked(instances)
     target = Path(folder).resolve()
-    replacing = os.path.lexists(target)
-    if replacing:
-        check_replaceable(Path(folder), overwrite)
+
+    def replaceable() -> bool:
+        if os.path.lexists(target):
+            check_replaceable(Path(folder), overwrite)
+            return True
+        return False
+
+    replaceable()
     contents = _contents(items, scenario)
     try:
-        publish(target, contents, replacing)
+        publish(target, contents, replaceable)
     except OSError as error:
-        stays = f"it is {set_aside(target)}: move it back" if set_aside(target) else "what was there before stays"
-        raise OptkitError(f"{folder} cannot be written ({error.strerror or error}); {stays}") from error
+        aside = set_aside(target)
+        stays = f"it is {aside}: move it back" if aside else "what was there before stays"
+        raise cannot_write(folder, error, stays) from error
     return Path(folder)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import secrets
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -216,14 +217,18 @@ class Offers:
             raise InputError(f"{str(path)!r} names no file to write the offers to")
         table = pa.Table.from_pandas(self.to_frame(), preserve_index=False)
         table = table.replace_schema_metadata({"optkit-offers": str(SCHEMA)})
-        staging = target.with_name(f".{target.name}.tmp")
+        # This package knows nothing of the disk (optkit.basics.files does the same for all others).
+        staging = target.with_name(f".optkit-{os.getpid()}-{secrets.token_hex(4)}.tmp")
         try:
             pq.write_table(table, staging)
+            with open(staging, "rb+") as file:
+                os.fsync(file.fileno())
             os.replace(staging, target)
         except OSError as error:
+            raise OptkitError(f"{target} cannot be written ({error.strerror or error})") from error
+        finally:
             with suppress(OSError):
                 staging.unlink(missing_ok=True)
-            raise OptkitError(f"{target} cannot be written ({error.strerror or error})") from error
         return target
 
     @classmethod

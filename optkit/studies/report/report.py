@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import io
-import json
 import os
 from collections.abc import Mapping, Sequence
 from importlib import metadata
@@ -14,9 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optkit.basics.errors import InputError, OptkitError
-from optkit.basics.folders import foreign_entry, publish, set_aside, writable_parent
-from optkit.basics.plain_json import to_json
+from optkit.basics.files import cannot_write
+from optkit.basics.folders import ResultsFolder, publish
 from optkit.basics.version import versions
 from optkit.plotting.files import figure_files
 from optkit.studies.cells import SCHEMA
@@ -37,6 +34,8 @@ MOST = 200
 BEGINNING = 20
 TIMES = "timings.csv"
 """The file that differs between two runs with the same results."""
+
+FOLDER = ResultsFolder("report.json", FORMAT, "a study's report", loose=(TIMES,))
 
 _ABOUT = {
     "homogeneous": "A homogeneous population of workers (section 5.1 of the paper).",
@@ -72,34 +71,12 @@ def check_report(folder: str | os.PathLike[str], study: str | None = None) -> bo
     >>> check_report("no-such-folder", "nyc")
     False
     """
-    target, remedy = Path(folder), "choose another folder with --out"
-    aside = set_aside(target)
-    if aside is not None:
-        raise InputError(f"{folder} is missing: writing was interrupted; the old report is {aside}: move it back")
-    if not target.exists():
-        if not writable_parent(target):
-            raise InputError(f"{folder} cannot be written: {remedy}")
-        return False
-    if not target.is_dir():
-        raise InputError(f"{folder} is a file, not a folder: {remedy}")
-    name, own = _found(target)
-    foreign = foreign_entry(target, own)
-    if foreign is not None:
-        raise InputError(f"{folder} holds {foreign!r}, which is no part of a study's report: move it, or {remedy}")
-    if study is not None and name not in (None, study):
-        raise InputError(f"{folder} holds the report of the study {name}: {remedy}")
-    return True
 
+    def differs(told: dict[str, Any]) -> str | None:
+        same = study is None or told.get("study") == study
+        return None if same else f"the report of the study {told.get('study')}"
 
-def _found(folder: Path) -> tuple[str | None, list[str]]:
-    """Return which study's report a folder holds, and that report's files; none and nothing if it holds no report."""
-    try:
-        told = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        if told["format"] == FORMAT:
-            return str(told["study"]), [*told["sha256"], TIMES, "report.json"]
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    return None, []
+    return FOLDER.check(folder, differs)
 
 
 def write_report(
@@ -147,13 +124,12 @@ def write_report(
     ...     report.name, sorted(path.name for path in report.parent.glob("bounds.*"))
     ('report.html', ['bounds.csv', 'bounds.parquet'])
     """
-    replacing = check_report(folder, study.name)
+    check_report(folder, study.name)
     contents = report_files(study, run, claims)
     try:
-        publish(Path(folder).resolve(), contents, replacing)
+        publish(Path(folder).resolve(), contents, lambda: check_report(folder, study.name))
     except OSError as error:
-        why = error.strerror or str(error)
-        raise OptkitError(f"{folder} cannot be written ({why}); choose another with --out") from error
+        raise cannot_write(folder, error, "choose another with --out") from error
     return Path(folder) / "report.html"
 
 
@@ -176,11 +152,9 @@ def report_files(study: Study, run: StudyRun, claims: Sequence[Mapping[str, Any]
     about = _about(study, run)
     undrawn = [name for name, drawing in DRAWINGS.items() if drawing.study == study.name and name not in figures]
     contents["report.html"] = _html(study, run, tables, drawn, undrawn, about).encode()
-    sums = {name: hashlib.sha256(data).hexdigest() for name, data in sorted(contents.items())}
-    told = {"format": FORMAT, "study": study.name, **about, "claims": [dict(row) for row in claims or ()]}
-    contents["report.json"] = (to_json({**told, "sha256": sums}) + "\n").encode()
     contents[TIMES] = _csv(_timings(run))
-    return contents
+    told = {"study": study.name, **about, "claims": [dict(row) for row in claims or ()]}
+    return FOLDER.files(contents, told)
 
 
 def _csv(frame: pd.DataFrame) -> bytes:
