@@ -68,7 +68,7 @@ class Instance:
 
     Notes
     -----
-    Paper section 2; design sections 3 and 6.
+    Paper section 2; ``docs/explanation/index.md``.
 
     Examples
     --------

@@ -63,7 +63,7 @@ class World:
         return np.asarray(np.linalg.norm(self.pickup_point[pickup] - self.dropoff_point[dropoff], axis=-1))
 
     def utility(self, features: Floats, pickup: Ints, dropoff: Ints) -> Floats:
-        """Mean utility of requests to every group, (D, n), in money: minus the burdens (design section 5)."""
+        """Mean utility of requests to every group, (D, n), in money: minus the burdens."""
         burden = self.utility_weight @ features.T + self.pickup_weight[:, pickup] + self.dropoff_weight[:, dropoff]
         return np.asarray(-burden)
 
@@ -90,7 +90,7 @@ def furnish(settings: ScenarioSettings, world: World, requests: DrawnRequests, r
     """Complete requests to an instance: type, lifetime, reward, penalty, utility, workers and noise.
 
     Reward ``20 + x.w + 5 [lifetime < 3]``, penalty ``-(x.w + 0.1 lifetime)``, lifetime ``expiry - arrival`` with
-    ``expiry = min(arrival + ceil(Exp(mean_lifetime)), T - 1)`` (design section 5).
+    ``expiry = min(arrival + ceil(Exp(mean_lifetime)), T - 1)`` (``docs/explanation/scenarios.md``).
     """
     T, n = settings.horizon, requests.arrival.size
     kind = rng.integers(0, settings.types, n)

@@ -22,7 +22,7 @@ def acceptance_probabilities(
               P_0 = \frac{e^{u_0/\mu}}{e^{u_0/\mu} + \sum_l e^{(u_l + c_l)/\mu}}
 
     Paper section 3.2, the acceptance probabilities; its print adds the outside option once per request and indexes the
-    compensation in the sum by the worker, corrected in design section 4.
+    compensation in the sum by the worker, see ``docs/explanation/corrections.md``.
 
     Parameters
     ----------

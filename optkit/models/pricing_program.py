@@ -94,8 +94,8 @@ class PricingProgram:
               \quad \text{s.t.} \quad \sum_i P_i + P_0 = 1, \quad P_i \ge P_0\, e^{(u_i - u_0)/\mu}
 
     with a_i = v_i + u_i - u_0; the last constraint says c_i >= 0 and is there if ``nonnegative``. Concave by Lemma 2 of
-    the paper (section 3.2; the Hessian corrected in design section 4), DCP and DPP. The solver is handed this problem
-    divided by mu, with P_0 = scale Q and the constant max(a) taken out by sum(P) + P_0 = 1, so that its numbers
+    the paper (section 3.2; its Hessian: ``docs/explanation/corrections.md``), DCP and DPP. The solver is handed this
+    problem divided by mu, with P_0 = scale Q and the constant max(a) taken out by sum(P) + P_0 = 1, so that its numbers
     are moderate for any mu; requests that cannot matter in floating point are left out.
 
     Parameters

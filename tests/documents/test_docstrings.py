@@ -186,3 +186,16 @@ def test_everything_public_has_a_docstring():
 def test_a_poor_docstring_is_found():
     """The checks fail where a parameter or an example is missing."""
     assert any("PR01" in one for one in complaints("inspect.getdoc", OF_FUNCTIONS))
+
+
+def test_pages_that_docstrings_cite_are_there():
+    """Docstrings and comments send readers to pages of the documentation that exist, and to nothing that they lack."""
+    root = Path(__file__).parents[2]
+    cited = 0
+    for path in (root / "optkit").rglob("*.py"):
+        text = path.read_text()
+        assert not re.search(r"\bdesign,? sections? \d", text), path
+        pages = re.findall(r"docs/[\w/-]+\.(?:md|rst)", text)
+        cited += len(pages)
+        assert all((root / page).exists() for page in pages), (path, pages)
+    assert cited > 15

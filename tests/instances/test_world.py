@@ -1,4 +1,4 @@
-"""Worlds and the instances made from them: every formula of design section 5, recomputed from the weights."""
+"""Worlds and their instances: every formula of docs/explanation/scenarios.md, recomputed from the weights."""
 
 import dataclasses
 import math

@@ -1,7 +1,7 @@
 r"""Workers and the requests open to them as one market, and its Lagrangian dual in closed form.
 
-The arrival-information bound (design section 4) is the concave program, over the probability P_ti that the worker of
-step t takes request i and the probability P_t0 that he takes none,
+The arrival-information bound (``docs/explanation/bounds.md``) is the concave program, over the probability P_ti that
+the worker of step t takes request i and the probability P_t0 that he takes none,
 
 .. math:: \max \sum_i n_i \beta_i + \sum_t q_t \sum_i P_{ti} (a_{ti} - \mu_t \ln P_{ti} + \mu_t \ln P_{t0})
    \quad \text{s.t.} \quad \sum_t q_t P_{ti} \le n_i, \quad \sum_i P_{ti} + P_{t0} = 1,

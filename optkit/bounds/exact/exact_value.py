@@ -10,7 +10,7 @@ serving i now is worth :math:`v_i = r_i - F_t(S, q) + F_t(S \setminus i, q)` bef
 .. math:: V_{t-1}(R', q) = E\big[F_t(S, q') + 1[\text{worker of group } g] \, \phi_g(v, u_g, \mu_g, u_{0g})\big]
 
 over the requests that join R' to make S, over q' given q, and over g; phi is the optimal profit of one decision with
-c >= 0 (paper section 3.1, Lemma 1, taken before the worker is seen; design section 4). The value of the model is
+c >= 0 (paper section 3.1, Lemma 1, taken before the worker is seen). The value of the model is
 :math:`V_{-1}(\emptyset, 0)`.
 
 Identical requests are one alternative: n copies with the same price have n times the weight, so that their common

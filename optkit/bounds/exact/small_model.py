@@ -76,7 +76,7 @@ class SmallModel:
 
     Notes
     -----
-    Paper section 2; design sections 3 and 4.
+    Paper section 2; ``docs/explanation/values.md``.
 
     Examples
     --------

@@ -98,7 +98,7 @@ def pair_values(instance: Instance) -> PairValues:
 
     Notes
     -----
-    Paper, the full-information bound; the signs are those of design section 4.
+    Paper, the full-information bound; the signs are those of ``docs/explanation/bounds.md``.
 
     Examples
     --------

@@ -67,8 +67,8 @@ def full_information(instance: Instance, method: Method | None = None, *, time_l
 
     Notes
     -----
-    Paper, the full-information bound, corrected as in design section 4: the sign of the utility, the constant, and
-    one noise per worker *and* request.
+    Paper, the full-information bound, corrected as in ``docs/explanation/bounds.md``: the sign of the utility, the
+    constant, and one noise per worker *and* request.
 
     Examples
     --------

@@ -7,7 +7,7 @@ With S the set that waits after step t, xi what the next step brings, and G the 
           + V_{t+1}(S' \setminus \text{expired}), \quad S' = S \cup \text{arrivals}
 
 has mean zero whatever one does without foresight, for any V at all (information relaxation: Brown, Smith and Sun 2010;
-design section 4, "Penalised bound"). Worker and group enter the expectation exactly, arrivals by independent draws.
+``docs/explanation/bounds.md``). Worker and group enter the expectation exactly, arrivals by independent draws.
 What the first step brings is charged too, at t = -1 with nothing waiting: with the exact V the charges then take all
 luck out, and every path is worth the exact value. Zero mean needs an S that was known at t: who looks at some of the
 waiting requests only must choose them without foresight.

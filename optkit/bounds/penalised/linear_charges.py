@@ -5,12 +5,12 @@ After step t a request i that is still open is charged
 .. math:: q_i(t+1) = \theta \cdot \psi(\text{surplus}_i, \text{steps left}_i) \,
           (\xi_{t+1} - E[\xi_{t+1} \mid \text{past}])
 
-with xi whether a worker comes next and how many requests arrive, and psi products of hat functions (design section 4,
-"Penalised bound"). Its mean is zero whatever one does without foresight, for any theta. Serving the request at step s
-spares :math:`Q_i(s)`, the sum of q_i(t+1) over s <= t < expiry_i, so that a program which values each service on its
-own keeps its form: pairs are worth Q more, and ``sum_i Q_i(arrival_i)`` is subtracted, see
-:mod:`optkit.bounds.penalised.penalized_dual`. A request's surplus, where a worker comes, is that to the worker's own
-group.
+with xi whether a worker comes next and how many requests arrive, and psi products of hat functions
+(``docs/explanation/bounds.md``, "Charging for foresight"). Its mean is zero whatever one does without foresight, for
+any theta. Serving the request at step s spares :math:`Q_i(s)`, the sum of q_i(t+1) over s <= t < expiry_i, so that a
+program which values each service on its own keeps its form: pairs are worth Q more, and ``sum_i Q_i(arrival_i)`` is
+subtracted, see :mod:`optkit.bounds.penalised.penalized_dual`. A request's surplus, where a worker comes, is that to the
+worker's own group.
 """
 
 from __future__ import annotations

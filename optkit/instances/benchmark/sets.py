@@ -1,8 +1,8 @@
 """Benchmark instance sets: generated, versioned, checksummed, and readable without optkit.
 
 Version 1 holds scenarios I.1, I.2, I.3 and II in worlds 0 to 4, each cut into 480 training, 120 test and 30 validation
-instances (design section 5). ``benchmark_datasheet.md`` describes them and is written beside them as ``README.md``;
-``benchmark_sets_v1.json`` holds their numbers and digests, frozen.
+instances (``docs/explanation/scenarios.md``). ``benchmark_datasheet.md`` describes them and is written beside them as
+``README.md``; ``benchmark_sets_v1.json`` holds their numbers and digests, frozen.
 """
 
 from __future__ import annotations

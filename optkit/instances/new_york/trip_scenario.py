@@ -1,6 +1,6 @@
 """The NYC scenarios: requests appear when and where real trips began, in a synthetic world of money and workers.
 
-Paper section 4.2 (New York Taxi data) and Table 1; design section 5.
+Paper section 4.2 (New York Taxi data) and Table 1; ``docs/explanation/scenarios.md``.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
     -----
     ``loglike``, ``score``, ``hessian`` and ``information`` leave the penalty out. D. McFadden (1974), "Conditional
     logit analysis of qualitative choice behavior"; K. Train, Discrete Choice Methods with Simulation, 2nd ed.,
-    chapter 3; design section 4.
+    chapter 3; ``docs/explanation/estimation.md``.
 
     Examples
     --------

@@ -6,7 +6,7 @@ theta = (a, b) = (w/mu, 1/mu); with w = a/b, mu = 1/b and the Jacobian
 .. math:: \partial w / \partial a = \mu I, \quad \partial w / \partial b = -\mu w,
           \quad \partial \mu / \partial b = -\mu^2
 
-the delta method carries the covariance of theta to that of (w, mu) (design section 4, "Estimation").
+the delta method carries the covariance of theta to that of (w, mu) (``docs/explanation/estimation.md``).
 """
 
 from __future__ import annotations

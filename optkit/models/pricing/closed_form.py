@@ -2,7 +2,7 @@ r"""The optimal markup in closed form: Lambert's W, with and without non-negativ
 
 Everything works on ratios to mu and on logarithms, so that nothing overflows while the ratios are finite. With
 a_i = v_i + u_i - u_0 and w_i = exp((u_i - u_0)/mu), a set C of requests held at compensation 0 and the others free
-(design section 4):
+(``docs/explanation/nonnegative.md``):
 
 .. math:: \frac{m}{\mu} = 1 + s + W_0\!\Big(\tfrac{1}{1+W_C} \sum_{i \notin C} e^{a_i/\mu - 1 - s}\Big), \qquad
           W_C = \sum_{i \in C} w_i, \quad s = \frac{\sum_{i \in C} w_i v_i}{\mu (1 + W_C)}

@@ -89,8 +89,9 @@ def optimal_prices(
 
     Notes
     -----
-    Paper section 3.2, Lemma 3 and appendix A.3; design section 4. An offered request with a negative value stays on
-    offer at compensation 0, and a worker who likes it may take it: the profit counts that, and may be negative.
+    Paper section 3.2, Lemma 3 and appendix A.3; ``docs/explanation/nonnegative.md``. An offered request with a negative
+    value stays on offer at compensation 0, and a worker who likes it may take it: the profit counts that, and may be
+    negative.
 
     Examples
     --------

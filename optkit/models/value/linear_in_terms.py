@@ -1,9 +1,9 @@
 """Value functions that are linear in coefficients, fitted on differences in one backward sweep.
 
 Prices depend on a value function through opportunity costs alone, so V(S) - V(S without i) is regressed on the
-difference of Lemma 1's targets with the same new arrivals after both (paper section 3.3, Algorithm 1; design section 4,
-"Bellman"). No level is needed, and one sweep over the steps suffices: the target of a step uses the coefficients of the
-next.
+difference of Lemma 1's targets with the same new arrivals after both (paper section 3.3, Algorithm 1;
+``docs/explanation/values.md``). No level is needed, and one sweep over the steps suffices: the target of a step uses
+the coefficients of the next.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class RequestFeatures(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RankedTerm:
-    """Requests ranked, and what they are worth by rank (design section 4, "Bellman").
+    """Requests ranked, and what they are worth by rank (``docs/explanation/values.md``).
 
     Parameters
     ----------
