@@ -188,14 +188,17 @@ def test_a_poor_docstring_is_found():
     assert any("PR01" in one for one in complaints("inspect.getdoc", OF_FUNCTIONS))
 
 
-def test_pages_that_docstrings_cite_are_there():
-    """Docstrings and comments send readers to pages of the documentation that exist, and to nothing that they lack."""
+def test_files_that_pages_and_docstrings_name_are_there():
+    """Documents and docstrings send readers to files that exist, and to no document that readers lack."""
     root = Path(__file__).parents[2]
+    texts = [*root.glob("*.md"), *(root / "benchmarks").glob("*.md")]
+    texts += [one for end in ("md", "rst") for one in (root / "docs").rglob(f"*.{end}") if "_build" not in one.parts]
+    texts += [one for end in ("py", "md") for one in (root / "optkit").rglob(f"*.{end}")]
     cited = 0
-    for path in (root / "optkit").rglob("*.py"):
+    for path in texts:
         text = path.read_text()
         assert not re.search(r"\bdesign,? sections? \d", text), path
-        pages = re.findall(r"docs/[\w/-]+\.(?:md|rst)", text)
-        cited += len(pages)
-        assert all((root / page).exists() for page in pages), (path, pages)
-    assert cited > 15
+        named = re.findall(r"\b(?:docs|optkit|tests)/[\w/-]+\.(?:md|rst|py|csv|j2)\b", text)
+        cited += len(named)
+        assert all((root / name).exists() for name in named), (path, [n for n in named if not (root / n).exists()])
+    assert cited > 30
