@@ -1,12 +1,18 @@
 """The exceptions that optkit raises; all of them are :class:`OptkitError`.
 
 Every message is one line: what is wrong, where, and how to mend it. The command line prints it as it
-stands and leaves with exit status 2.
+stands and leaves with exit status 2. What it quotes of a file or of a name cannot move a terminal's cursor.
 """
+
+from optkit.basics.printable import printable
 
 
 class OptkitError(Exception):
     """Root of every error that optkit raises on purpose."""
+
+    def __str__(self) -> str:
+        """Return the message on one line, see :func:`optkit.basics.printable.printable`."""
+        return printable(super().__str__())
 
 
 class InputError(OptkitError, ValueError):

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import signal
 import sys
-from typing import NoReturn
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from optkit.basics.errors import OptkitError
+from optkit.basics.printable import printable
 from optkit.cli.bound import bound
 from optkit.cli.certify import certify
 from optkit.cli.collect import collect
+from optkit.cli.console import say
 from optkit.cli.evaluate import evaluate
 from optkit.cli.fit import fit
 from optkit.cli.generate import generate
@@ -21,7 +27,34 @@ from optkit.cli.study import study
 from optkit.cli.teach import teach
 from optkit.cli.train import train
 
+
+class Verbs(TyperGroup):
+    """Verbs whose complaints about the command line quote it so that a terminal shows it as it is."""
+
+    def make_context(self, *args: Any, **more: Any) -> Any:
+        """Read the options before the verb."""
+        with _printable_complaints():
+            return super().make_context(*args, **more)
+
+    def invoke(self, *args: Any, **more: Any) -> Any:
+        """Read the verb's own options, and run it."""
+        with _printable_complaints():
+            return super().invoke(*args, **more)
+
+
+@contextmanager
+def _printable_complaints() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        said = getattr(error, "message", None)
+        if hasattr(error, "exit_code") and isinstance(said, str):  # Typer's own, wherever it keeps Click
+            vars(error)["message"] = "\n".join(map(printable, said.split("\n")))
+        raise
+
+
 app = typer.Typer(
+    cls=Verbs,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -36,7 +69,7 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
     if version:
         from optkit.basics.version import __version__
 
-        typer.echo(__version__)
+        say(__version__)
         raise typer.Exit
 
 
@@ -49,21 +82,43 @@ def main() -> None:
     signal.signal(signal.SIGINT, _interrupted)
     # A scheduler's polite end is an interruption too: worker processes must not outlive this one.
     signal.signal(signal.SIGTERM, _interrupted)
+    with _any_encoding(), warnings.catch_warnings():
+        warnings.showwarning = _warned
+        try:
+            app()
+        except OptkitError as error:
+            _end(error)
+        except MemoryError:
+            _end("out of memory: take fewer or smaller instances")
+        except OSError as error:
+            _end(": ".join(map(str, filter(None, (error.filename, error.strerror)))) or error)
+        finally:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is closing down
+
+
+@contextmanager
+def _any_encoding() -> Iterator[None]:
+    """Have standard output and error take characters that their encoding lacks, as escapes."""
+    streams = [one for one in (sys.stdout, sys.stderr) if hasattr(one, "reconfigure")]
+    before = [one.errors for one in streams]
+    for one in streams:
+        one.reconfigure(errors="backslashreplace")
     try:
-        app()
-    except OptkitError as error:
-        print(f"optkit: {error}", file=sys.stderr)
-        sys.exit(2)
-    except MemoryError:
-        print("optkit: out of memory: take fewer or smaller instances", file=sys.stderr)
-        sys.exit(2)
-    except OSError as error:
-        print(f"optkit: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+        yield
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is closing down
+        for one, errors in zip(streams, before, strict=True):
+            one.reconfigure(errors=errors)
+
+
+def _end(why: object) -> NoReturn:
+    say(f"optkit: {why}", err=True)
+    sys.exit(2)
+
+
+def _warned(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    say(f"optkit: {category.__name__}: {message}", err=True)
 
 
 def _interrupted(*_: object) -> NoReturn:
-    print("\noptkit: interrupted; what was there before stays", file=sys.stderr)
+    say("", "optkit: interrupted; what was there before stays", err=True)
     raise KeyboardInterrupt  # Typer leaves with exit status 130

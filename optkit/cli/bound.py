@@ -13,7 +13,7 @@ import typer
 from optkit.basics.errors import InputError, InstanceError, SolverError
 from optkit.basics.seeds import Stream, stream
 from optkit.basics.version import __version__
-from optkit.cli.console import print_table, progress_bar
+from optkit.cli.console import print_table, progress_bar, say, say_json
 from optkit.cli.options import Json, Quiet
 from optkit.cli.output import check_file, write_rows
 
@@ -63,7 +63,6 @@ def bound(
     An instance whose solver gave up is reported with the reason and without a bound; the exit status is then 1.
     """
     from optkit.basics.parallel import check_jobs, in_parallel
-    from optkit.basics.plain_json import to_json
     from optkit.basics.row_log import RowLog
     from optkit.instances.splits import PARTS, has_parts
     from optkit.instances.storage import load_instances, read_description
@@ -99,7 +98,7 @@ def bound(
     rows = [{"instance": i, **found[i]} for i in range(len(instances))]
     failed = [row for row in rows if row["bound"] is None]
     if as_json:
-        typer.echo(to_json({"folder": str(folder), "kind": kind, "bounds": rows}))
+        say_json({"folder": str(folder), "kind": kind, "bounds": rows})
     else:
         _print(folder, kind, rows, failed)
     if out is not None:
@@ -174,18 +173,16 @@ def _print(folder: Path, kind: str, rows: list[dict[str, Any]], failed: list[dic
     if len(good) > 20:
         shown.append([f"and {len(good) - 20} more", "", "", "", ""])
     if not rows:
-        typer.echo(f"{folder} holds no instances: there is nothing to bound")
+        say(f"{folder} holds no instances: there is nothing to bound")
         return
     title = "penalised arrival" if kind == "penalised" else kind
     print_table(f"{title} information: {folder}", ["instance", "requests", "workers", "bound", "certified gap"], shown)
     if good:
         mean = mean_interval([row["bound"] for row in good])
         worst = max(row["gap"] for row in good)
-        typer.echo(
-            f"mean bound {mean.mean:.4f} over {len(good)} instances; certificates checked, largest gap {worst:.1e}"
-        )
+        say(f"mean bound {mean.mean:.4f} over {len(good)} instances; certificates checked, largest gap {worst:.1e}")
         if kind == "penalised":
             spread = f" [{mean.low:.2f}, {mean.high:.2f}]" if len(good) > 1 else ""
-            typer.echo(f"only the mean is a bound{spread}: single values may lie above or below what a policy earns")
+            say(f"only the mean is a bound{spread}: single values may lie above or below what a policy earns")
     for row in failed:
-        typer.echo(f"instance {row['instance']}: no bound: {row['error']}")
+        say(f"instance {row['instance']}: no bound: {row['error']}")

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optkit.basics.errors import InputError
-from optkit.cli.console import open_source, progress_bar
+from optkit.basics.printable import printable
+from optkit.cli.console import open_source, progress_bar, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file, write_rows
 from optkit.cli.policy_file import own_policy
@@ -73,7 +74,6 @@ def certify(
     is checked. The penalised bound needs to know the process: a scenario does, and so does a folder that optkit
     generate wrote; of your own, give --worker-rate. What was assumed is said.
     """
-    from optkit.basics.plain_json import to_json
     from optkit.gap.report import chosen_kinds, gap_report
     from optkit.plotting.files import figure_bytes
 
@@ -106,10 +106,9 @@ def certify(
     if plot is not None:
         plot.write_bytes(figure_bytes(report.plot(), plot.suffix[1:]))
     if as_json:
-        typer.echo(to_json({"source": source, **report.to_dict()}))
+        say_json({"source": source, **report.to_dict()})
     else:
-        typer.echo(f"{source}: {len(report.rows)} test instances")
-        typer.echo(report.summary())
+        say(f"{source}: {len(report.rows)} test instances", *report.summary().split("\n"))
     if report.failures:
         raise typer.Exit(1)
 
@@ -189,7 +188,8 @@ def _check_policies(wanted: list[str]) -> None:
 
 def _called(name: str) -> str:
     """Name of a policy in the report: of a file without its folder and ending, of one's own without its file."""
-    return name.rpartition(".py:")[2] if ".py:" in name else Path(name).stem if name.endswith(".json") else name
+    short = name.rpartition(".py:")[2] if ".py:" in name else Path(name).stem if name.endswith(".json") else name
+    return printable(short)
 
 
 def _policies(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from optkit.basics.errors import InputError
-from optkit.cli.console import open_source
+from optkit.cli.console import open_source, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
 
 
@@ -42,6 +41,6 @@ def collect(
     offers.save(out)
     counts = {"offers": len(offers), "situations": offers.n_situations, "choices": offers.n_choices}
     if as_json:
-        typer.echo(json.dumps({"file": str(out), **counts}))
+        say_json({"file": str(out), **counts})
     else:
-        typer.echo(f"{out}: " + ", ".join(f"{count:,} {name}" for name, count in counts.items()))
+        say(f"{out}: " + ", ".join(f"{count:,} {name}" for name, count in counts.items()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optkit.basics.errors import InputError
+from optkit.basics.printable import encodable, printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -74,9 +76,23 @@ def study_bar(name: str, quiet: bool) -> Iterator[Callable[[int, int, float], No
             bars.update(task, completed=done, total=total, left=minutes if done < total else "")
             if not quiet and not console.is_terminal and time.monotonic() - said > 30:
                 said = time.monotonic()
-                print(f"{name}: {done} of {total} cells, {minutes}", file=console.file, flush=True)
+                say(f"{name}: {done} of {total} cells, {minutes}", err=True)
 
         yield tell
+
+
+def say(*lines: object, err: bool = False) -> None:
+    """Print lines to standard output or error: what they quote of files and names cannot break or move them."""
+    # Not through Typer, whose echo writes UTF-8 to whoever asked for ASCII.
+    for line in lines:
+        print(printable(line), file=sys.stderr if err else sys.stdout, flush=True)
+
+
+def say_json(data: Any) -> None:
+    """Print plain data to standard output as JSON, in ASCII."""
+    from optkit.basics.plain_json import to_json
+
+    print(to_json(data), flush=True)
 
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -85,13 +101,17 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for i, name in enumerate(header):
-        table.add_column(name, justify="left" if i == 0 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
     # Never cut a number off: in a narrow terminal the lines wrap.
     console = Console(markup=False, emoji=False, highlight=False)
+
+    def shown(cells: Sequence[str]) -> list[str]:
+        return [encodable(cell, console.encoding) for cell in cells]
+
+    table = Table(title=shown([title])[0], title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for i, name in enumerate(shown(header)):
+        table.add_column(name, justify="left" if i == 0 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*shown(row))
     console.width = max(console.width, console.measure(table, options=console.options.update(width=500)).maximum)
     console.print(table, crop=False)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from optkit.basics.errors import InputError
-from optkit.cli.console import open_source, progress_bar, trips_line
+from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file, print_comparison, write_rows
 
@@ -42,7 +42,6 @@ def evaluate(
     Both meet the same workers on the same instances. An instance whose bound could not be computed is left out and
     named; the exit status is then 1.
     """
-    from optkit.basics.plain_json import to_json
     from optkit.evaluation.comparison import compare
     from optkit.evaluation.proven import proven_bounds
     from optkit.learning.trained import Trained
@@ -72,19 +71,19 @@ def evaluate(
     if as_json:
         told = {"policy": str(policy), "source": source, "part": part, "instances": len(instances), "note": note}
         table = comparison.table.to_dict(orient="records")
-        typer.echo(to_json({**told, "policies": table, "worst_bound_gap": worst, "bound_failures": failures}))
+        say_json({**told, "policies": table, "worst_bound_gap": worst, "bound_failures": failures})
     else:
         print_comparison(f"{source}: {len(kept)} {part} instances", comparison)
         trips_told = None if isinstance(opened, Path) else trips_line(opened.describe())
         if trips_told is not None:
-            typer.echo(trips_told)
-        typer.echo(f"bounds: every certificate checked, largest gap {worst:.1e} (money)")
+            say(trips_told)
+        say(f"bounds: every certificate checked, largest gap {worst:.1e} (money)")
         if note is not None:
-            typer.echo(f"note: {note}")
+            say(f"note: {note}")
         for i, why in failures.items():
-            typer.echo(f"bounds: instance {i} is left out: {why}")
+            say(f"bounds: instance {i} is left out: {why}")
         if out is not None:
-            typer.echo(f"rows: {out}")
+            say(f"rows: {out}")
     if failures:
         raise typer.Exit(1)
 

@@ -11,7 +11,8 @@ import typer
 from optkit.basics.errors import InputError, OptkitError
 from optkit.basics.folders import writable_parent
 from optkit.basics.plain_json import to_json
-from optkit.cli.console import print_table
+from optkit.basics.printable import printable
+from optkit.cli.console import print_table, say, say_json
 from optkit.cli.options import Json
 
 if TYPE_CHECKING:
@@ -63,11 +64,11 @@ def fit(
     if out is not None:
         _save(out, _text(found, told), plain)
     if as_json:
-        typer.echo(to_json(plain))
+        say_json(plain)
         return
     for group, results in enumerate(found.results):
         label = "all groups" if found.pooled else f"group {group}"
-        typer.echo(f"{label}, coefficients of utility / mu\n{results.summary()}\n")
+        say(f"{label}, coefficients of utility / mu", *str(results.summary()).split("\n"), "")
     rows = [
         [f"{row['group']} {row['parameter']}", f"{row['estimate']:.4f}", f"{row['standard_error']:.4f}"]
         for row in plain["parameters"]
@@ -75,9 +76,9 @@ def fit(
     print_table("preferences, in money", ["parameter", "estimate", "standard error"], rows)
     for group, report in enumerate(plain["identification"]):
         label = "all groups" if found.pooled else f"group {group}"
-        typer.echo(f"identification of {label}: {report['verdict']}: {report['reason']}")
+        say(f"identification of {label}: {report['verdict']}: {report['reason']}")
     for line in told:
-        typer.echo(f"warning: {line}")
+        say(f"warning: {line}")
 
 
 def _plain(found: Preferences) -> dict[str, Any]:
@@ -111,12 +112,12 @@ def _text(found: Preferences, told: list[str]) -> str:
 
     parts = [f"{results.summary()}\n\n{identification(results).summary()}" for results in found.results]
     lines = [*parts, found.table().to_string(index=False), *(f"warning: {line}" for line in told)]
-    return "\n\n".join(lines) + "\n"
+    return "\n".join(map(printable, "\n\n".join(lines).split("\n"))) + "\n"
 
 
 def _save(out: Path, text: str, plain: dict[str, Any]) -> None:
     try:
-        out.write_text(text)
-        out.with_suffix(".json").write_text(to_json(plain) + "\n")
+        out.write_text(text, encoding="utf-8")
+        out.with_suffix(".json").write_text(to_json(plain) + "\n", encoding="utf-8")
     except OSError as error:
         raise OptkitError(f"{out} cannot be written ({error.strerror or error})") from error

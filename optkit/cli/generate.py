@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from optkit.basics.errors import DataError, InputError
-from optkit.cli.console import open_source, progress_bar, trips_line
+from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 
 BENCHMARK_ONLY = ("scenarios", "worlds", "check")
@@ -95,12 +94,12 @@ def generate(
         save_instances(out / part, instances, scenario=opened.describe() | told[part], overwrite=overwrite)
     sizes = {part or "instances": len(instances) for part, instances in sets.items()}
     if as_json:
-        typer.echo(json.dumps({"folder": str(out), "scenario": opened.name, "seed": seed, "instances": sizes}))
+        say_json({"folder": str(out), "scenario": opened.name, "seed": seed, "instances": sizes})
     else:
         line = trips_line(opened.describe())
         if line is not None:
-            typer.echo(line)
-        typer.echo(f"{out}: " + ", ".join(f"{size} {part}" for part, size in sizes.items()))
+            say(line)
+        say(f"{out}: " + ", ".join(f"{size} {part}" for part, size in sizes.items()))
 
 
 def _given(context: typer.Context, name: str) -> bool:
@@ -122,10 +121,10 @@ def _write(
         except DataError as error:
             raise DataError(str(error).replace("pass overwrite=True", "pass --overwrite")) from None
     if as_json:
-        typer.echo(json.dumps({"folder": str(out), "version": VERSION, **made}))
+        say_json({"folder": str(out), "version": VERSION, **made})
     else:
         counts = f"{len(made['written'])} parts written, {len(made['kept'])} kept"
-        typer.echo(f"{out}: version {VERSION}, {_sizes(made)}; {counts}")
+        say(f"{out}: version {VERSION}, {_sizes(made)}; {counts}")
 
 
 def _check(folder: Path, as_json: bool, quiet: bool) -> None:
@@ -134,9 +133,9 @@ def _check(folder: Path, as_json: bool, quiet: bool) -> None:
     with progress_bar(quiet or as_json) as progress:
         found = check_benchmark_sets(folder, progress=progress)
     if as_json:
-        typer.echo(json.dumps({"folder": str(folder), "version": VERSION, **found}))
+        say_json({"folder": str(folder), "version": VERSION, **found})
     else:
-        typer.echo(f"{folder}: version {VERSION}, {_sizes(found)}; all files and contents are right")
+        say(f"{folder}: version {VERSION}, {_sizes(found)}; all files and contents are right")
 
 
 def _sizes(told: dict[str, Any]) -> str:

@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from optkit.basics.errors import InputError, OptkitError
-from optkit.cli.console import print_table
+from optkit.cli.console import print_table, say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +53,7 @@ def print_comparison(title: str, comparison: Comparison) -> None:
     """Print a row per policy, and what its numbers are."""
     rows = [_row(row, i == 0) for i, row in enumerate(comparison.table.to_dict(orient="records"))]
     print_table(title, ["policy", "ratio %", "std", "95 % interval", "difference", "served %"], rows)
-    typer.echo("ratio: performance ratio against full information; difference: to the first policy, paired")
+    say("ratio: performance ratio against full information; difference: to the first policy, paired")
 
 
 def _row(row: Mapping[Any, Any], first: bool) -> list[str]:

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from optkit.basics.errors import InputError
-from optkit.cli.console import print_table
+from optkit.basics.printable import listed
+from optkit.cli.console import print_table, say, say_json
 from optkit.cli.options import Json
 
 SHOWN = 200
@@ -36,7 +37,6 @@ def price(
     value = reward - penalty * expires - opportunity_cost. A column **compensation** is taken as a proposal
     of yours and certified too. A column **request** names the rows.
     """
-    from optkit.basics.plain_json import to_json
     from optkit.cli.request_table import read_requests
     from optkit.models.pricing import certify, optimal_prices
 
@@ -45,7 +45,7 @@ def price(
     given = read_requests(table)
     value, utility = given.value, given.utility
     if given.ignored:
-        typer.echo(f"optkit: ignored columns of {table}: {', '.join(given.ignored)}", err=True)
+        say(f"optkit: ignored columns of {table}: {listed(given.ignored)}", err=True)
     chosen: Any = FORMS[form]
     found = optimal_prices(value, utility, mu, outside_utility=outside_utility, nonnegative=chosen)
     nonnegative = form != "free"
@@ -73,7 +73,7 @@ def price(
         solved = program.solve(value, utility, mu, outside_utility, solver=solver.upper())
         result["solver"] = {"solver": solver, "status": solved.status, "profit": solved.profit, "bound": solved.bound}
     if as_json:
-        typer.echo(to_json(result))
+        say_json(result)
         raise typer.Exit(failed)
     rows = [
         [str(r["request"]), f"{v:.4f}", f"{u:.4f}", f"{r['compensation']:.4f}", f"{r['acceptance']:.4f}"]
@@ -82,11 +82,11 @@ def price(
     if len(value) > SHOWN:
         rows.append([f"and {len(value) - SHOWN} more (see --json)", "", "", "", ""])
     print_table(f"{form} prices: {table}", ["request", "value", "utility", "compensation", "acceptance"], rows)
-    typer.echo(f"expected profit {found.profit:.6f}   markup {found.markup:.6f}   rejection {found.rejection:.6f}")
+    say(f"expected profit {found.profit:.6f}   markup {found.markup:.6f}   rejection {found.rejection:.6f}")
     for name, proof in proofs.items():
-        typer.echo(f"\ncertificate of {'these ' if name == 'prices' else ''}{name}\n{proof.summary()}")
+        say("", f"certificate of {'these ' if name == 'prices' else ''}{name}", *proof.summary().split("\n"))
     if solver is not None:
-        typer.echo(f"\n{solver}: {result['solver']['status']}, profit {solved.profit:.6f}, bound {solved.bound:.6f}")
+        say("", f"{solver}: {result['solver']['status']}, profit {solved.profit:.6f}, bound {solved.bound:.6f}")
     raise typer.Exit(failed)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optkit.cli.console import open_source, progress_bar, trips_line
+from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import print_comparison
 
@@ -34,7 +34,6 @@ def run(
     certificate and with a convex solver, and writes a folder: summary.json, table.csv, per_instance.parquet and a box
     plot.
     """
-    from optkit.basics.plain_json import to_json
     from optkit.evaluation.main_job import run_main_job
     from optkit.evaluation.results_folder import check_target, write_results
     from optkit.instances.splits import read_split
@@ -53,7 +52,7 @@ def run(
     drawn = len(split.test) - len(result.bound_failures)
     write_results(folder, result, f"{name}: {drawn} test instances")
     if as_json:
-        typer.echo(to_json({"folder": str(folder), **result.to_dict()}))
+        say_json({"folder": str(folder), **result.to_dict()})
     else:
         _print(name, result, folder)
     if not result.verification.holds or result.bound_failures:
@@ -67,10 +66,10 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
     print_comparison(title, result.comparison)
     trips = trips_line(record["origin"])
     if trips is not None:
-        typer.echo(trips)
+        say(trips)
     pp, fp = record["tuned"]["PP"], record["tuned"]["FP"]
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
-    typer.echo(f"tuned: PP pays {100 * pp['share']:g} % of the reward; FP weighs {weights}")
+    say(f"tuned: PP pays {100 * pp['share']:g} % of the reward; FP weighs {weights}")
     for name, learned in record["learned"].items():
         last = learned["rounds"][-1]["round"]
         ends = [end for end in learned["rounds"] if end["round"] == last]
@@ -80,22 +79,23 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
             data = f"{end['round']} round(s), {end['rejections']} rejections, {end['verdict']}"
             if end["standard_error"] > learned["tolerance"] and last > 1:
                 data += f", round limit reached before {learned['tolerance']:g}"
-            typer.echo(f"utility: {label}: {error}; {data}")
+            say(f"utility: {label}: {error}; {data}")
     for name, why in record["not learned"].items():
-        typer.echo(f"utility: {name} is left out: {why}")
+        say(f"utility: {name} is left out: {why}")
     for name, trained in record["trained"].items():
-        typer.echo(f"trained: {name}: {_course(trained['rounds'])}")
+        say(f"trained: {name}: {_course(trained['rounds'])}")
     for name, why in record["not trained"].items():
-        typer.echo(f"trained: {name} is left out: {why}")
-    typer.echo(f"bounds: every certificate checked, largest gap {result.worst_bound_gap:.1e} (money)")
+        say(f"trained: {name} is left out: {why}")
+    say(f"bounds: every certificate checked, largest gap {result.worst_bound_gap:.1e} (money)")
     for i, why in result.bound_failures.items():
-        typer.echo(f"bounds: instance {i} is left out: {why}")
-    typer.echo(f"prices: {result.verification.summary()}".replace("\n", "\n        "))
+        say(f"bounds: instance {i} is left out: {why}")
+    first, *more = result.verification.summary().split("\n")
+    say(f"prices: {first}", *(f"        {line}" for line in more))
     for why in result.verification.failures:
-        typer.echo(f"prices: {why}")
+        say(f"prices: {why}")
     seconds = record["seconds"]
-    typer.echo(f"time: {sum(seconds.values()):.1f} s ({', '.join(f'{k} {v:.1f}' for k, v in seconds.items())})")
-    typer.echo(f"results: {folder}")
+    say(f"time: {sum(seconds.values()):.1f} s ({', '.join(f'{k} {v:.1f}' for k, v in seconds.items())})")
+    say(f"results: {folder}")
 
 
 def _course(rounds: list[dict[str, Any]]) -> str:

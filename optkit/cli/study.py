@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from optkit.basics.errors import InputError
+from optkit.cli.console import say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Setting, Trips
 
 if TYPE_CHECKING:
@@ -51,7 +52,6 @@ def study(
     kind, with the same final tables. A cell that fails is reported, and the others go on; the exit status is then 1.
     """
     from optkit.basics.parallel import check_jobs
-    from optkit.basics.plain_json import to_json
     from optkit.studies.grids import STUDIES
 
     if name != "all" and name not in STUDIES:
@@ -68,7 +68,10 @@ def study(
     jobs = check_jobs(jobs)
     if dry_run:
         plans = [_plan(one, out, jobs) for one in studies]
-        typer.echo(to_json(plans) if as_json else "\n".join(_told(plan) for plan in plans))
+        if as_json:
+            say_json(plans)
+        else:
+            say(*(line for plan in plans for line in _told(plan)))
         return
     finished = []
     for one in studies:
@@ -76,9 +79,9 @@ def study(
         if not as_json:
             _print(finished[-1])
     if as_json:
-        typer.echo(to_json([_summary(one) for one in finished]))
+        say_json([_summary(one) for one in finished])
     elif name == "all" and not trips:
-        typer.echo("nyc is left out: it needs --trips")
+        say("nyc is left out: it needs --trips")
     if any(one.run.failed for one in finished):
         raise typer.Exit(1)
 
@@ -135,13 +138,13 @@ def _plan(study: Study, out: Path, jobs: int) -> dict[str, Any]:
     return {**about, "expected_seconds": seconds / jobs, "list": [str(cell) for cell in missing]}
 
 
-def _told(plan: dict[str, Any]) -> str:
+def _told(plan: dict[str, Any]) -> list[str]:
     kinds = ", ".join(f"{count} {kind}" for kind, count in plan["kinds"].items())
     lines = [
         f"{plan['study']}: {plan['cells']} cells ({kinds}), {plan['missing']} to be worked out, "
         f"in about {_time(plan['expected_seconds'])}"
     ]
-    return "\n".join(lines + [f"  {cell}" for cell in plan["list"]])
+    return lines + [f"  {cell}" for cell in plan["list"]]
 
 
 def _time(seconds: float) -> str:
@@ -164,7 +167,7 @@ def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quie
     with study_bar(study.name, quiet) as tell:
         run = run_cells(cells, store, trips=study.trips, jobs=jobs, dask=dask, progress=tell)
     if store.damaged:
-        typer.echo(f"{store.damaged} damaged files in {store.folder} were worked out again", err=True)
+        say(f"{store.damaged} damaged files in {store.folder} were worked out again", err=True)
     tables = study_tables(run)
     found = claims(study.name, tables)
     return _Finished(study, run, tables, found, write_report(out / study.name, study, run, found))
@@ -190,17 +193,17 @@ def _print(one: _Finished) -> None:
         print_table(one.study.name, header, shown)
     for row in one.tables["gap"].to_dict(orient="records") if "gap" in one.tables else []:
         at = f"{row['scenario']}, world {row['world']}: {row['policy']}"
-        typer.echo(f"{at} is at most {row['at_most']:.2f} points from optimal (gap {row['gap']:.2f}, {row['bound']})")
+        say(f"{at} is at most {row['at_most']:.2f} points from optimal (gap {row['gap']:.2f}, {row['bound']})")
     for claim in one.claims:
-        typer.echo(f"Result {claim['result']}, {claim['verdict']}: {claim['pattern']} {claim['here']}")
+        say(f"Result {claim['result']}, {claim['verdict']}: {claim['pattern']} {claim['here']}")
     for cell in one.run.cells:
         if cell.key in one.run.failed:
-            typer.echo(f"failed: {cell}: {one.run.failed[cell.key]}", err=True)
+            say(f"failed: {cell}: {one.run.failed[cell.key]}", err=True)
     spent: dict[str, float] = {}
     for cell in one.run.cells:
         if cell.key in one.run.found:
             spent[cell.kind] = spent.get(cell.kind, 0.0) + one.run.found[cell.key].seconds
     done = f"{len(one.run.found)} of {len(one.run.cells)} cells, {one.run.fresh} worked out now"
     stages = ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in spent.items())
-    typer.echo(f"{done}; {sum(spent.values()):.0f} s of work in all: {stages}")
-    typer.echo(f"report: {one.report}")
+    say(f"{done}; {sum(spent.values()):.0f} s of work in all: {stages}")
+    say(f"report: {one.report}")

@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from optkit.basics.errors import InputError, MissingExtraError, OptkitError
+from optkit.cli.console import say
 
 HOST = "127.0.0.1"
 
@@ -60,14 +61,14 @@ def teach(
     try:
         _wait(server, port)
         for notebook in [chosen] if chosen else notebooks:
-            typer.echo(f"  {notebook.stem}")
-        typer.echo(f"{address}\nCtrl-C ends it.")
+            say(f"  {notebook.stem}")
+        say(address, "Ctrl-C ends it.")
         if browser:
             webbrowser.open(address)
         said = server.communicate()[1]
         raise OptkitError(f"the server of the notebooks ended with status {server.returncode}{_last_line(said)}")
     except KeyboardInterrupt:
-        typer.echo("\nended")
+        say("", "ended")
     finally:
         _stop(server)
         signal.signal(signal.SIGINT, stop)

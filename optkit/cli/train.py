@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optkit.basics.errors import InputError
-from optkit.cli.console import open_source, print_table, progress_bar
+from optkit.cli.console import open_source, print_table, progress_bar, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file
 
@@ -60,7 +59,6 @@ def train(
     Trains on training instances and chooses the round and the seed by validation instances; a folder is split as optkit
     run splits it. Test instances stay unseen.
     """
-    from optkit.basics.plain_json import to_json
     from optkit.instances.splits import read_split, training_split
     from optkit.learning.training import train as train_policy
 
@@ -85,7 +83,7 @@ def train(
                 **chosen,
             )
     except KeyboardInterrupt:
-        print(f"optkit: {_how_to_go_on(checkpoint)}", file=sys.stderr)
+        say(f"optkit: {_how_to_go_on(checkpoint)}", err=True)
         raise
     seconds = time.perf_counter() - started
     trained.save(out)
@@ -98,20 +96,20 @@ def train(
             "record": trained.record,
             "failures": trained.failures,
         }
-        typer.echo(to_json({**told, "seconds": round(seconds, 3)}))
+        say_json({**told, "seconds": round(seconds, 3)})
         return
     header = ["seed", "round", "exploration", "validation reward", "residual", "seconds"]
     print_table(f"{source}: {value}, {choice} MNL", header, [_row(row) for row in trained.record])
     for row in trained.record:
         if row["error"]:
-            typer.echo(f"seed {row['seed']}, round {row['round']}: {row['error']}")
+            say(f"seed {row['seed']}, round {row['round']}: {row['error']}")
     for why in trained.failures:
-        typer.echo(f"a seed is left out: {why}")
+        say(f"a seed is left out: {why}")
     by = "the best on validation instances" if split.validation else "the last, for there are no validation instances"
-    typer.echo(f"chosen: seed {at['seed']}, round {at['round']}: {by}")
-    typer.echo(f"instances: {len(split.train)} for training, {len(split.validation)} for validation")
-    typer.echo(f"time: {seconds:.1f} s")
-    typer.echo(f"policy: {out}")
+    say(f"chosen: seed {at['seed']}, round {at['round']}: {by}")
+    say(f"instances: {len(split.train)} for training, {len(split.validation)} for validation")
+    say(f"time: {seconds:.1f} s")
+    say(f"policy: {out}")
 
 
 def _check_out(out: Path) -> None:
