@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+import os
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.errors import InstanceError
+
+if TYPE_CHECKING:
+    from optkit.basics.tables.table import Table
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -91,6 +95,16 @@ def shaped(name: str, value: Any, shape: Shape) -> npt.NDArray[Any]:
 def _sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     array.flags.writeable = False
     return array
+
+
+def open_table(path: str | os.PathLike[str], remedy: str) -> Table:
+    """Open a file whose columns are to become arrays, see :func:`optkit.basics.tables.read.open_table`.
+
+    For packages that know arrays and not files.
+    """
+    from optkit.basics.tables.read import open_table
+
+    return open_table(path, remedy=remedy)
 
 
 Bools = npt.NDArray[np.bool_]

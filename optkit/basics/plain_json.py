@@ -7,9 +7,11 @@ import json
 import math
 from typing import Any
 
+from optkit.basics.strict_json import object_of
+
 
 def to_json(data: Any) -> str:
-    """Write plain data as JSON; NaN and infinity have no place there, and become null.
+    """Write plain data as JSON, in printable ASCII; NaN and infinity have no place there, and become null.
 
     Examples
     --------
@@ -21,11 +23,12 @@ def to_json(data: Any) -> str:
      ]
     }
     """
-    return json.dumps(_finite(data), indent=1, allow_nan=False)
+    # JSON leaves DEL as it is, and terminals do not.
+    return json.dumps(_finite(data), indent=1, allow_nan=False).replace("\x7f", "\\u007f")
 
 
 def parse_object(raw: bytes | str) -> dict[str, Any] | None:
-    """Return the JSON object that a file holds, or None if it holds anything else.
+    """Return the JSON object that a file holds, every key once, or None if it holds anything else.
 
     Examples
     --------
@@ -33,10 +36,9 @@ def parse_object(raw: bytes | str) -> dict[str, Any] | None:
     ({'a': 1}, None, None)
     """
     try:
-        found = json.loads(raw)
-    except (ValueError, RecursionError):
+        return object_of(raw.encode() if isinstance(raw, str) else raw)
+    except ValueError:
         return None
-    return found if isinstance(found, dict) else None
 
 
 def sealed(document: dict[str, Any], entry: str = "sha256") -> dict[str, Any]:

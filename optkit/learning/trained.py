@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from optkit.basics.errors import DataError, InputError, OptkitError
 from optkit.basics.files import write_whole
 from optkit.basics.plain_json import is_sealed, sealed, to_json
+from optkit.basics.strict_json import object_of
 from optkit.basics.version import __version__
 from optkit.learning.beliefs import BelievedValue
 from optkit.models.preferences.preferences import Preferences
@@ -116,12 +116,12 @@ class Trained:
         """
         source = Path(path)
         try:
-            plain = json.loads(source.read_bytes())
+            plain = object_of(source.read_bytes())
         except OSError as error:
             raise DataError(f"{source} cannot be read ({error.strerror or error})") from error
-        except (RecursionError, ValueError) as error:
-            raise DataError(f"{source} is no JSON file ({error})") from None
-        if not isinstance(plain, dict) or plain.get("format") != FORMAT:
+        except ValueError as error:
+            raise DataError(f"{source} holds no trained policy of optkit ({error})") from None
+        if plain.get("format") != FORMAT:
             raise DataError(f"{source} holds no trained policy of optkit")
         if plain.get("version") != VERSION:
             raise DataError(f"{source} has version {plain.get('version')!r}; this optkit reads version {VERSION}")

@@ -175,7 +175,7 @@ def test_no_rejection_is_an_error_and_with_a_ridge_a_warning(optkit, tmp_path):
 BAD = {
     "no file": (["fit", "nowhere.csv"], "there is no file nowhere.csv"),
     "missing column": (["fit", "bad.csv"], "no column 'chosen'"),
-    "text": (["fit", "text.csv"], "chosen has entries that are not numbers"),
+    "text": (["fit", "text.csv"], "chosen in row 1 is 'maybe', neither 0 nor 1"),
     "damaged": (["fit", "broken.parquet"], "cannot read broken.parquet"),
     "method": (["fit", "good.csv", "--method", "probit"], "'probit' is unknown"),
     "ridge": (["fit", "good.csv", "--ridge", -1], "ridge = -1.0"),

@@ -24,6 +24,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from optkit.basics.errors import DataError
+from optkit.instances.new_york.same_trips import Sketch, check_apart
 from optkit.instances.new_york.trip_files import Paths, find_files, read_pieces
 
 Times: TypeAlias = npt.NDArray[np.datetime64]
@@ -92,7 +93,7 @@ def read_trips(paths: Paths, *, when: Callable[[Times], Mask] | None = None) -> 
     paths : path or sequence of paths
         Parquet, CSV or gzipped CSV files (``.parquet``, ``.csv``, ``.csv.gz``), of yellow or green cabs, or folders of
         them; if some files of a folder have ``tripdata`` in their name, as TLC's have, only these are read. A file
-        named twice is read once.
+        named twice is read once. Hidden files of a folder are not read.
     when : callable, optional
         Of pick-up times, (n,) datetime64[s], which to keep: saves memory if only some hours matter.
 
@@ -103,8 +104,10 @@ def read_trips(paths: Paths, *, when: Callable[[Times], Mask] | None = None) -> 
     Raises
     ------
     DataError
-        If a file is missing, of another kind or damaged, lacks a column, or there is no good trip within Manhattan
-        at any hour. An hour of ``when`` without trips is no error: the frame is empty.
+        If a file is missing, of another kind or damaged, lacks a column, has a row with more or fewer entries than the
+        header (empty ones at its end apart), or holds trips of another file, which would count twice: at least
+        :data:`optkit.instances.new_york.same_trips.SHARE` of the smaller one's. Or if there is no good trip within
+        Manhattan at any hour; an hour of ``when`` without trips is no error: the frame is empty.
 
     Notes
     -----
@@ -130,10 +133,12 @@ def read_trips(paths: Paths, *, when: Callable[[Times], Mask] | None = None) -> 
     names = find_files(paths)
     report = dict.fromkeys((*BAD, ELSEWHERE, *([UNASKED] if when else [])), 0)
     parts, rows, ends = [_frame()], 0, [np.datetime64("NaT", "s")]
+    sketches: list[Sketch] = []
     for path in names:
+        sketch = Sketch(path)
         for raw in read_pieces(path):
-            rows += len(raw)
-            good = _good(raw, _plausible(path), report)
+            rows += len(raw["from"])
+            good = _good(raw, _plausible(path), report, sketch)
             times = good["pickup_time"].to_numpy("datetime64[s]")
             if times.size:
                 ends += [times.min(), times.max()]
@@ -142,6 +147,8 @@ def read_trips(paths: Paths, *, when: Callable[[Times], Mask] | None = None) -> 
                 report[UNASKED] += int((~asked).sum())
                 good = good[asked]
             parts.append(good)
+        check_apart(sketch, sketches)
+        sketches.append(sketch)
     period = (np.fmin.reduce(ends), np.fmax.reduce(ends))
     if np.isnat(period[0]):
         counts = ", ".join(f"{n:,} {reason}" for reason, n in report.items() if n) or "the files are empty"
@@ -158,20 +165,24 @@ def manhattan_zones() -> pd.DataFrame:
     >>> manhattan_zones().groupby("region").size().to_dict()
     {1: 22, 2: 19, 3: 18, 4: 10}
     """
-    with (files("optkit.instances.new_york") / "manhattan_zones.csv").open() as table:
+    with (files("optkit.instances.new_york") / "manhattan_zones.csv").open(encoding="utf-8") as table:
         return pd.read_csv(table)
 
 
-def _good(raw: pd.DataFrame, plausible: tuple[np.datetime64, np.datetime64], report: dict[str, int]) -> pd.DataFrame:
+def _good(
+    raw: dict[str, Any], plausible: tuple[np.datetime64, np.datetime64], report: dict[str, int], sketch: Sketch
+) -> pd.DataFrame:
     start, end = _times(raw["start"]), _times(raw["end"])
     seconds = (end - start).astype("timedelta64[s]").astype(np.int64)
-    pickup, dropoff = (pd.to_numeric(raw[name], errors="coerce").to_numpy(float) for name in ("from", "to"))
+    pickup, dropoff = raw["from"], raw["to"]
     known = [(zone >= 1) & (zone <= 265) & (zone == np.floor(zone)) for zone in (pickup, dropoff)]
     region = np.full(266, -1, np.int8)
     region[manhattan_zones()["LocationID"]] = manhattan_zones()["region"] - 1
-    pickup, dropoff = (region[np.where(k, z, 0).astype(int)] for k, z in zip(known, (pickup, dropoff), strict=True))
+    zones = [np.where(k, z, 0).astype(int) for k, z in zip(known, (pickup, dropoff), strict=True)]
+    missing = raw["start"].isna() | raw["end"].isna() | np.isnan(pickup) | np.isnan(dropoff)
+    pickup, dropoff = (region[zone] for zone in zones)
     checks = (
-        raw.isna().any(axis=1).to_numpy(),
+        missing.to_numpy(bool),
         np.isnat(start) | np.isnat(end),
         ~(known[0] & known[1]),
         seconds <= 0,
@@ -179,10 +190,11 @@ def _good(raw: pd.DataFrame, plausible: tuple[np.datetime64, np.datetime64], rep
         (start < plausible[0]) | (start >= plausible[1]),
         (pickup < 0) | (dropoff < 0),
     )
-    left = np.ones(len(raw), bool)
+    left = np.ones(start.size, bool)
     for reason, fails in zip((*BAD, ELSEWHERE), checks, strict=True):
         report[reason] += int((left & fails).sum())
         left &= ~fails
+    sketch.add(start[left].astype(np.int64), end[left].astype(np.int64), *(zone[left] for zone in zones))
     return _frame(start[left], pickup[left], dropoff[left], seconds[left] / 60.0)
 
 
@@ -201,10 +213,11 @@ def _times(values: pd.Series[Any]) -> Times:
     if not pd.api.types.is_datetime64_any_dtype(values):
         text = values.astype("string").str.strip()
         if text.str.slice(10).str.contains("[Z+-]", regex=True).any():  # time zones, after the date
-            text = text.str.replace(r"\s*(?:Z|[+-]\d\d:?\d\d)$", "", regex=True)
-        values = pd.to_datetime(text, format="ISO8601", errors="coerce")
+            text = text.str.replace(r"^(.{10}.*?)\s*(?:Z|[+-]\d\d(?::?\d\d)?)$", r"\1", regex=True)
+        # All in one zone: a column of several has no dates in pandas.
+        values = pd.to_datetime(text, format="ISO8601", errors="coerce", utc=True)
         if values.isna().any():
-            values = values.fillna(pd.to_datetime(text, format="%m/%d/%Y %I:%M:%S %p", errors="coerce"))
+            values = values.fillna(pd.to_datetime(text, format="%m/%d/%Y %I:%M:%S %p", errors="coerce", utc=True))
     return np.asarray(values.dt.tz_localize(None).to_numpy("datetime64[s]"))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, count, floats, ints
+from optkit.basics.arrays import Floats, Ints, count, floats, ints, open_table
 from optkit.basics.errors import DataError, InputError, InstanceError, OptkitError
 
 if TYPE_CHECKING:
@@ -23,6 +23,15 @@ SCHEMA = 1
 """Version of the file that :meth:`Offers.save` writes."""
 
 _WHOLE = ("situation", "group", "pickup", "dropoff")
+_ROLES = {
+    "situation": "labels",
+    "group": "counts",
+    "pickup": "counts",
+    "dropoff": "counts",
+    "compensation": "numbers",
+    "chosen": "flags",
+}
+"""Columns that are no features, and what a file holds in them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +110,12 @@ class Offers:
         label, place = np.unique(self.situation, return_inverse=True)
         taken = np.bincount(place, self.chosen)
         if (taken > 1).any():
-            worst = label[taken.argmax()]
-            raise DataError(f"offers: situation {worst} has {int(taken.max())} choices; a worker takes one")
+            raise _SituationError(int(label[taken.argmax()]), f"has {int(taken.max())} choices; a worker takes one")
         one = np.zeros(label.size, np.int64)
         one[place] = self.group
         if (one[place] != self.group).any():
             i = int((one[place] != self.group).argmax())
-            raise DataError(f"offers: situation {self.situation[i]} has workers of two groups; it shows one worker")
+            raise _SituationError(int(self.situation[i]), "has workers of two groups; it shows one worker")
 
     def __len__(self) -> int:
         return self.situation.size
@@ -177,18 +185,19 @@ class Offers:
         """
         import pandas as pd
 
-        roles = (*_WHOLE, "compensation", "chosen")
-        chosen = [c for c in frame.columns if c not in roles] if features is None else list(features)
-        unnamed = [c for c in chosen if not str(c).strip() or str(c).startswith("Unnamed:")]
-        if unnamed:
-            raise DataError("the offers have a column without a name (a row number?): drop it, or name the features")
+        if not isinstance(frame, pd.DataFrame) or frame.columns.nlevels > 1:
+            raise DataError(f"the offers are a {type(frame).__name__}, not a DataFrame with one row of names")
+        double = frame.columns[frame.columns.duplicated()]
+        if len(double):
+            raise DataError(f"the offers have the column {double[0]!r} twice; leave one")
+        index = [n for n in frame.index.names if n not in frame and (n in _ROLES or n in (features or ()))]
+        if index:
+            frame = frame.reset_index(level=index)
+        chosen = _features(list(frame.columns), features)
         missing = [c for c in ("situation", "compensation", "chosen", *chosen) if c not in frame]
         if missing:
             have = ", ".join(map(str, frame.columns))
             raise DataError(f"the offers have no column {', '.join(map(repr, missing))}; they have {have}")
-        if frame["situation"].isna().any():
-            raise DataError(f"offers: situation in row {int(frame['situation'].isna().argmax())} is empty")
-        code, _ = pd.factorize(frame["situation"])
         columns: dict[str, Any] = {
             name: frame[name].to_numpy() if name in frame else np.zeros(len(frame), int)
             for name in ("group", "pickup", "dropoff", "compensation", "chosen")
@@ -199,7 +208,19 @@ class Offers:
                 matrix[:, f] = floats(str(name), frame[name].to_numpy(), (len(frame),))
             except InstanceError as error:
                 raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
-        return cls(situation=code, features=matrix, names=tuple(map(str, chosen)), **columns)
+        labels = frame["situation"].tolist()
+        _check_labels(labels, frame["situation"].isna().to_numpy())
+        return cls._labelled(labels, features=matrix, names=tuple(map(str, chosen)), **columns)
+
+    @classmethod
+    def _labelled(cls, labels: Sequence[Any], **columns: Any) -> Offers:
+        """Build a log whose situations are called by labels, which errors name."""
+        number: dict[Any, int] = {}
+        code = np.array([number.setdefault(label, len(number)) for label in labels], dtype=np.int64)
+        try:
+            return cls(situation=code, **columns)
+        except _SituationError as error:
+            raise _SituationError(list(number)[error.situation], error.what) from None
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the log to a parquet file, whole or not at all; situations are read back as 0, 1, ... in their order.
@@ -233,32 +254,65 @@ class Offers:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], features: Sequence[str] | None = None) -> Offers:
-        """Read a log from parquet, as :meth:`save` writes it, or from a user's own parquet or CSV.
+        """Read a log from parquet, as :meth:`save` writes it, or from a user's own parquet, CSV or JSON.
+
+        Labels of situations are text: ``007``, ``7`` and ``7.0`` are three. Of what pandas calls the index of a parquet
+        file only columns with a role, and features that are asked for, are read.
 
         Raises
         ------
         DataError
-            If the file is missing, damaged or from a newer optkit, or a column is not as it must be.
+            If the file is missing, damaged or from a newer optkit, or a column is not as it must be; rows count from 1
+            below the header.
         """
-        import pandas as pd
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        source = Path(path)
+        with open_table(path, "give a parquet, CSV or JSON file of offers") as table:
+            schema = table.marks.get("optkit-offers", "0")
+            if not schema.isdecimal() or int(schema) > SCHEMA:
+                raise DataError(f"{path} was written by a newer optkit (schema {schema}): upgrade optkit")
+            try:
+                chosen = _features([name for name in table.names if name not in table.index], features)
+            except DataError as error:
+                raise DataError(f"{path}: {error}") from None
+            table.need("situation", "compensation", "chosen", *chosen)
+            wanted = {name: kind for name, kind in _ROLES.items() if name in table.names}
+            columns = table.columns(wanted | dict.fromkeys(chosen, "numbers"))
+            rows = table.rows
+        matrix = np.column_stack([columns.pop(name) for name in chosen]) if chosen else np.empty((rows, 0))
+        labels = columns.pop("situation").tolist()
+        zeros = {name: np.zeros(rows, int) for name in ("group", "pickup", "dropoff") if name not in columns}
         try:
-            if source.suffix.lower() == ".parquet":
-                schema = (pq.read_schema(source).metadata or {}).get(b"optkit-offers", b"0")
-                if int(schema) > SCHEMA:
-                    raise DataError(f"{source} was written by a newer optkit (schema {int(schema)}): upgrade optkit")
-                frame = pd.read_parquet(source)
-            else:
-                frame = pd.read_csv(source)
-        except FileNotFoundError:
-            raise DataError(f"there is no file {source}") from None
-        except (OSError, ValueError, pa.ArrowException) as error:
-            why = (str(error) or type(error).__name__).splitlines()[0]
-            raise DataError(f"cannot read {source} ({why}); give a parquet or CSV file of offers") from error
-        try:
-            return cls.from_frame(frame, features)
+            return cls._labelled(labels, features=matrix, names=tuple(chosen), **zeros, **columns)
         except DataError as error:
-            raise DataError(f"{source}: {error}") from None
+            raise DataError(f"{path}: {error}") from None
+
+
+class _SituationError(DataError):
+    """One decision is not as it must be; whoever knows what a person calls it says that."""
+
+    def __init__(self, situation: Any, what: str) -> None:
+        super().__init__(f"offers: situation {situation} {what}")
+        self.situation, self.what = situation, what
+
+
+def _features(names: list[Any], features: Sequence[str] | None) -> list[Any]:
+    """Return which columns are features: those asked for, or all that have no other role."""
+    chosen = [name for name in names if name not in _ROLES] if features is None else list(features)
+    if any(not str(name).strip() or str(name).startswith("Unnamed:") for name in chosen):
+        raise DataError("the offers have a column without a name (a row number?): drop it, or name the features")
+    double = {name for name in chosen if chosen.count(name) > 1 or name in _ROLES}
+    if features is not None and double:
+        raise DataError(f"{min(map(repr, double))} is asked for as a feature twice, or has another role")
+    return chosen
+
+
+def _check_labels(labels: list[Any], empty: Any) -> None:
+    """Refuse labels of which nobody can say whether two are the same: empty ones, text beside numbers, lists."""
+    for i, label in enumerate(labels):
+        if empty[i] or (isinstance(label, str) and not label.strip()):
+            raise DataError(f"offers: situation in row {i} is empty")
+        if not isinstance(label, Hashable):
+            raise DataError(f"offers: situation in row {i} is a {type(label).__name__}, neither text nor a number")
+        for kind in (str, bool):
+            if isinstance(label, kind) != isinstance(labels[0], kind):
+                both = f"{labels[0]!r} in row 0 and {label!r} in row {i}"
+                raise DataError(f"offers: situation is {both}: make all of them text (dtype=str)")

@@ -29,7 +29,7 @@ def table(*rows: tuple) -> pd.DataFrame:
 def good(n: int = 40) -> pd.DataFrame:
     start = pd.Timestamp("2018-03-05 11:00:07") + pd.to_timedelta(np.arange(n) * 97, unit="s")
     zones = [BATTERY, TIMES_SQUARE, CENTRAL_PARK, YORKVILLE]
-    ends = start + pd.to_timedelta(300 + 11 * np.arange(n), unit="s")
+    ends = start + pd.to_timedelta(300 + 11 * np.arange(n) % 3600, unit="s")
     return table(*zip(start, ends, np.resize(zones, n), np.resize(zones[::-1], n), strict=True))
 
 
@@ -171,7 +171,7 @@ def test_only_the_hours_asked_for_are_kept_and_the_others_are_counted(tmp_path: 
 
 def test_the_summary_names_every_count(tmp_path: Path) -> None:
     path = written(good(), tmp_path / "a.csv")
-    path.write_text(path.read_text() + ",,1,2\n")
+    path.write_text(path.read_text() + ",,1,2,,,\n")
     trips = read_trips(path)
     text = trips.summary()
     assert "41 rows from 1 file(s)" in text
@@ -209,7 +209,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     for name in ("a.parquet", "a.csv.gz"):
         path = written(good(400), tmp_path / name)
         path.write_bytes(path.read_bytes()[:-30])
-        _refused(path, f"cannot read .*{name}: .*fetch it again")
+        _refused(path, f"cannot read .*{name} .*fetch it again")
     path = written(good(400), tmp_path / "b.parquet")
     content = bytearray(path.read_bytes())
     content[4:2000] = bytes(1996)
@@ -223,14 +223,102 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     _refused(tmp_path / "noise.csv", "cannot read .*noise.csv")
     path = written(good(), tmp_path / "open.csv")
     path.write_text(path.read_text() + '"2018-03-05 11:00:00')
-    _refused(path, "cannot read .*open.csv: .*EOF inside string")
+    _refused(path, "cannot read .*open.csv .row 41: a quotation mark is not closed")
 
 
-def test_a_row_with_too_few_or_too_many_fields_is_judged_by_what_it_has(tmp_path: Path) -> None:
-    path = written(good(), tmp_path / "a.csv")
-    path.write_text(path.read_text() + "1,2,3,4,5,6,7,8,9,10,11\n2018-03-05 11:00:00,2018-03-05\n")
-    trips = read_trips(path)
-    assert (len(trips.frame), trips.report["unreadable date"], trips.report["missing value"]) == (40, 1, 1)
+def test_a_row_with_too_few_or_too_many_fields_is_refused_by_its_number(tmp_path: Path) -> None:
+    """Nobody can tell which of its fields is missing, so that all may be shifted; a cut-off file ends in such a row."""
+    whole = written(good(), tmp_path / "whole.csv").read_text()
+    for number, more in enumerate(("1,2,3,4,5,6,7,8,9,10,11\n", "2018-03-05 11:00:00,2\n", "1,2,3,4,5,6,7,8\n")):
+        path = tmp_path / f"{number}.csv"
+        path.write_text(whole + more)
+        _refused(path, rf"{number}.csv: row 41 has \d+ entries for 7 columns")
+    path.write_text(whole[:-20])
+    _refused(path, "row 40 has . entries for 7 columns: is the file complete")
+
+
+def test_commas_at_the_ends_of_rows_are_no_fields(tmp_path: Path) -> None:
+    """TLC's months of 2016 have two commas more in each row than in the header, and a blank line below it."""
+    whole = written(good(), tmp_path / "whole.csv")
+    header, *rows = whole.read_text().splitlines()
+    path = tmp_path / "commas.csv"
+    path.write_text("\n".join([header, "", *(f"{row},," for row in rows), ""]))
+    pd.testing.assert_frame_equal(read_trips(path).frame, read_trips(whole).frame)
+
+
+@pytest.mark.parametrize("name", ["tpep_pickup_datetime", "PULocationID", "VendorID", None])
+def test_a_pandas_index_is_a_column_like_any_other(tmp_path: Path, name: str | None) -> None:
+    """Whatever pandas took for the index of its rows, the trips of a parquet file are the same."""
+    frame = good() if name is None else good().set_index(name)
+    path = written(frame if name else frame[::-1], tmp_path / "indexed.parquet")
+    expected = read_trips(written(good() if name else good()[::-1], tmp_path / "plain.csv"))
+    pd.testing.assert_frame_equal(read_trips(path).frame, expected.frame)
+
+
+def test_hidden_files_of_a_folder_are_no_records(tmp_path: Path) -> None:
+    """macOS leaves ._NAME beside NAME, and others leave what they have not finished."""
+    written(good(), tmp_path / "yellow_tripdata_2018-03.parquet")
+    (tmp_path / "._yellow_tripdata_2018-03.parquet").write_bytes(b"\0\5\x16\7" + bytes(4092))
+    (tmp_path / ".yellow_tripdata_2018-04.csv").write_text("half")
+    (tmp_path / ".DS_Store").write_bytes(b"\0")
+    assert read_trips(tmp_path).files == ("yellow_tripdata_2018-03.parquet",)
+
+
+TWINS = {
+    "the month as CSV": lambda frame: (frame, "yellow_tripdata_2018-03.csv"),
+    "a copy": lambda frame: (frame, "yellow_tripdata_2018-03 (1).parquet"),
+    "under another name, in another order": lambda frame: (frame[::-1], "mine.csv.gz"),
+    "its first half": lambda frame: (frame[: len(frame) // 2], "half.csv"),
+    "a week more": lambda frame: (pd.concat([frame, _later(frame)]), "more.csv"),
+    "green columns": lambda frame: (_green(frame), "green.csv"),
+    "zones as floats": lambda frame: (_floating(frame), "floats.csv"),
+}
+
+
+def _later(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.assign(**{c: frame[c] + pd.Timedelta("7D") for c in frame.columns[:2]})
+
+
+@pytest.mark.parametrize("case", TWINS, ids=str)
+@pytest.mark.parametrize("count", [3, 20_000])
+def test_trips_that_two_files_hold_are_not_counted_twice(tmp_path: Path, case: str, count: int) -> None:
+    """Whatever its name, format and order: a file that holds trips of another is refused, and both are named."""
+    frame = good(count)
+    written(frame, tmp_path / "yellow_tripdata_2018-03.parquet")
+    other, name = TWINS[case](frame)
+    written(other, tmp_path / name)
+    _refused([tmp_path / "yellow_tripdata_2018-03.parquet", tmp_path / name], "hold the same trips.*leave one out")
+
+
+def test_other_trips_are_kept_apart_from_twins(tmp_path: Path) -> None:
+    """Files of other weeks, and of the same hours with other zones, are read together; so is a file named twice."""
+    frame = good(9_000)
+    elsewhere = frame.assign(PULocationID=np.roll(frame["PULocationID"], 1))
+    paths = [written(one, tmp_path / f"{n}.parquet") for n, one in enumerate([frame, elsewhere, _later(_later(frame))])]
+    link = tmp_path / "link.parquet"
+    link.symlink_to(paths[0])
+    trips = read_trips([*paths, paths[0], link])
+    assert (len(trips.frame), trips.rows) == (27_000, 27_000)
+
+
+@pytest.mark.parametrize(
+    ("zone", "read"),
+    [*[(text, True) for text in ("12", "12.0", " 12 ", "12.")]]
+    + [(text, False) for text in ("012", "1.2e1", "12_", "+12", "0x0c", "12.5", "True", "NA", "nan", "1200")],
+)
+def test_zones_are_written_in_one_way_only(tmp_path: Path, zone: str, read: bool) -> None:
+    """A zone is a whole number as TLC writes it; what merely looks like one is unknown, and counted."""
+    start, end = "2018-03-05 11:00:00", "2018-03-05 11:10:00"
+    rows = [(start, end, zone, 12), (start, end, 13, 12)]
+    trips = read_trips(written(table(*rows), tmp_path / "a.csv"))
+    assert (len(trips.frame), trips.report["unknown zone"]) == ((2, 0) if read else (1, 1))
+
+
+def test_dates_that_are_numbers_are_no_dates(tmp_path: Path) -> None:
+    """Seconds since 1970, of a parquet file, are counted as unreadable, beside rows that are right."""
+    frame = good(4).astype({"tpep_pickup_datetime": "int64"})
+    with pytest.raises(DataError, match="4 unreadable date"):
+        read_trips(written(frame, tmp_path / "a.parquet"))
 
 
 def test_a_file_without_a_usable_trip_is_refused_with_the_counts(tmp_path: Path) -> None:

@@ -178,13 +178,13 @@ def test_to_frame_by_hand():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("situation,chosen,x\n1,0,2\n", "no column 'compensation'; they have situation, chosen, x"),
-        ("situation,compensation,chosen,x\n,1,0,2\n", "situation in row 0 is empty"),
-        ("situation,compensation,chosen,x\n1,2,0,\n", r"x\[0\] is nan"),
-        ("situation,compensation,chosen,city\n1,2,0,Bonn\n", "city has entries that are not numbers"),
-        ("situation,compensation,chosen,x\n1,2,yes,1\n", "chosen has entries that are not numbers"),
+        ("situation,chosen,x\n1,0,2\n", "no column 'compensation'; it has situation, chosen, x"),
+        ("situation,compensation,chosen,x\n,1,0,2\n", "situation in row 1 is empty"),
+        ("situation,compensation,chosen,x\n1,2,0,\n", "x in row 1 is empty, not a finite number"),
+        ("situation,compensation,chosen,city\n1,2,0,Bonn\n", "city in row 1 is 'Bonn', not a finite number"),
+        ("situation,compensation,chosen,x\n1,2,yes,1\n", "chosen in row 1 is 'yes', neither 0 nor 1"),
         ("", "cannot read"),
-        ("a,b\n1\n2,3,4\n", "cannot read"),
+        ("a,b\n1\n2,3,4\n", "no column 'situation' and no 'compensation' and no 'chosen'; it has a, b"),
     ],
 )
 def test_bad_csv_is_one_line_with_the_files_name(tmp_path, text, words):
@@ -199,7 +199,7 @@ def test_bad_csv_is_one_line_with_the_files_name(tmp_path, text, words):
 
 def test_missing_feature_is_named(tmp_path):
     """A feature that was asked for and is not there is named, with those that are."""
-    with pytest.raises(DataError, match="no column 'colour'; they have situation"):
+    with pytest.raises(DataError, match="no column 'colour'; it has situation"):
         Offers.load(log().save(tmp_path / "log.parquet"), ["size", "colour"])
 
 

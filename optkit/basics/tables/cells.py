@@ -1,0 +1,184 @@
+"""The cells of one column, and what they are read as: labels, numbers, whole numbers, flags."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.errors import DataError
+from optkit.basics.tables.arrow_values import plain
+
+Column: TypeAlias = npt.NDArray[Any]
+
+_WHOLE = re.compile(r"(0|[1-9][0-9]*)(\.0*)?")
+_FLAGS = {"0": 0, "1": 1, "0.0": 0, "1.0": 1, "false": 0, "true": 1}
+
+
+class Literal(str):
+    """A number as it stands in a JSON file: ``1e3``, ``20240101.10``."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return it without quotes: it has none in the file."""
+        return str(self)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Some rows of a column.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    name : str
+        The column.
+    first : int
+        Number of the first of the rows; the row below the header is row 1.
+    given : list or Arrow array
+        The cells as the file holds them.
+    """
+
+    path: Path
+    name: str
+    first: int
+    given: Any
+
+    @cached_property
+    def values(self) -> list[Any] | Column:
+        """The cells as plain values, None where a cell is empty; an array where all are numbers or booleans."""
+        if isinstance(self.given, list):
+            return self.given
+        return plain(self.path, self.name, self.given)
+
+    def wrong(self, i: int, why: str) -> DataError:
+        """Return the error that the cell ``i`` is not what it should be."""
+        value = self.values[i]
+        empty = value is None or (isinstance(value, str) and not value.strip())
+        shown = "empty" if empty else repr(value.item() if isinstance(value, np.generic) else value)
+        if len(shown) > 80:
+            shown = f"{shown[:80]} ..."
+        return DataError(f"{self.path}: {self.name} in row {self.first + i} is {shown}{why}")
+
+
+Converter: TypeAlias = Callable[[Cells], Column]
+
+LARGEST = 1e100
+"""Numbers beyond it, of either sign, are no money and no measurement."""
+
+MOST = 10_000
+"""Groups and places are numbered from 0 to this at most."""
+
+
+def labels(cells: Cells) -> Column:
+    """Return names as text, as they stand in the file: ``007`` and ``7`` are two, ``NA`` is one like any other.
+
+    Raises
+    ------
+    DataError
+        If one is empty, true or false, or no plain value.
+    """
+    values = cells.values
+    names = np.empty(len(values), dtype=object)
+    for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
+        if value is None or value != value or (isinstance(value, str) and not value.strip()):
+            raise cells.wrong(i, ": every row needs one")
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise cells.wrong(i, ", neither text nor a number")
+        names[i] = str.__str__(value) if isinstance(value, str) else str(value)
+    return names
+
+
+def numbers(cells: Cells) -> Column:
+    """Return finite numbers of at most :data:`LARGEST` as floats.
+
+    Raises
+    ------
+    DataError
+        If a cell is empty or holds anything else; true and false are not numbers.
+    """
+    values = cells.values
+    if isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
+        found = values.astype(np.float64)
+    else:
+        found = _parsed(values)
+    wrong = ~(np.abs(found) <= LARGEST)
+    if wrong.any():
+        i = int(wrong.argmax())
+        raise cells.wrong(i, ", beyond any money" if np.isfinite(found[i]) else ", not a finite number")
+    return found
+
+
+def flags(cells: Cells) -> Column:
+    """Return 0 or 1 from 0, 1, true and false in any case.
+
+    Raises
+    ------
+    DataError
+        If a cell is anything else.
+    """
+    values = cells.values
+    found = np.empty(len(values), dtype=np.int64)
+    for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
+        known = _FLAGS.get(str(value).strip().lower())
+        if known is None:
+            raise cells.wrong(i, ", neither 0 nor 1")
+        found[i] = known
+    return found
+
+
+def counts(cells: Cells) -> Column:
+    """Return whole numbers from 0 to :data:`MOST`, written in one way only: 7, or 7.0, but neither 007 nor 7e0.
+
+    Raises
+    ------
+    DataError
+        If a cell is anything else.
+    """
+    values = cells.values
+    found = np.empty(len(values), dtype=np.int64)
+    for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
+        number = -1
+        if isinstance(value, str):
+            match = _WHOLE.fullmatch(value.strip())
+            number = int(match[1]) if match and len(match[1]) < 20 else -1
+        elif isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= MOST:
+            number = int(value) if value == int(value) else -1
+        if not 0 <= number <= MOST:
+            raise cells.wrong(i, f", no whole number from 0 to {MOST:,}; count from 0 without gaps")
+        found[i] = number
+    return found
+
+
+KINDS: dict[str, Converter] = {"labels": labels, "numbers": numbers, "flags": flags, "counts": counts}
+"""Converters by name, for those who may not import them."""
+
+
+def _parsed(values: Any) -> Column:
+    """Return floats, NaN where there is no number."""
+    try:
+        if all(isinstance(value, str) for value in values) and "_" not in "".join(values):
+            return np.array(values, dtype=np.float64)
+    except ValueError:
+        pass
+    return np.array([_number(value) for value in values], dtype=np.float64)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, str) and "_" not in value:
+        try:
+            return float(value)
+        except ValueError:
+            return np.nan
+    try:
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
+    except OverflowError:
+        return np.inf
