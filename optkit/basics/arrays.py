@@ -1,95 +1,254 @@
-"""Checked, read-only arrays: errors say which entry of which field is wrong."""
+"""Checked numbers and arrays: errors say which entry of which field is wrong, and nothing is taken for what it is not.
+
+One home for the whole kit. ``True`` is never 1 and text is never a number; complex numbers, dates, categories and
+masked arrays are refused; a mask is made of True and False, or it is refused. Every function takes the class of the
+error that it raises.
+"""
 
 from __future__ import annotations
 
 import math
+import operator
 import os
-from typing import TYPE_CHECKING, Any
+from decimal import Decimal
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.errors import InstanceError
+from optkit.basics.errors import InputError, OptkitError
 
 if TYPE_CHECKING:
     from optkit.basics.tables.table import Table
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
 Shape = tuple[int | None, ...]
+Error = type[OptkitError]
+
+EXACT = 2**53
+"""Up to here every whole number is a float."""
+
+_STRANGE = {"c": "complex numbers", "U": "text", "S": "text", "M": "dates", "m": "time spans", "V": "records"}
 
 
-def whole_number(name: str, value: Any) -> int:
-    """Return one whole number, or raise an InstanceError."""
-    try:
-        number = int(value)
-        if isinstance(value, bool | str) or np.ndim(value) != 0 or number != value:
-            raise ValueError
-    except (TypeError, ValueError, OverflowError):
-        raise InstanceError(f"{name} = {' '.join(repr(value).split())[:80]} is not a whole number") from None
+def whole_number(
+    name: str, value: Any, *, least: int | None = None, most: int | None = None, error: Error = InputError
+) -> int:
+    """Return one whole number: 3 and 3.0 are, of whatever width; True, "3", 3.5 and [3] are not.
+
+    Raises
+    ------
+    InputError
+        Or the error class given: if it is not one, or below ``least``, or above ``most``.
+    """
+    number: int | None = None
+    if isinstance(value, float | np.floating):
+        number = int(value) if abs(float(value)) <= EXACT and value == np.floor(value) else None
+    elif not isinstance(value, bool | np.ma.MaskedArray):
+        try:
+            number = operator.index(value)
+        except TypeError:
+            number = None
+    if number is None or (least is not None and number < least) or (most is not None and number > most):
+        span = f" of at least {least}" if least is not None else ""
+        span += "" if most is None else f" {'and' if span else 'of'} at most {most:,}"
+        raise error(f"{name} = {_shown(value)} is not a whole number{span}")
     return number
 
 
-def count(name: str, value: Any) -> int:
-    """Return the number of entries, or raise an InstanceError if they make no array."""
+def number(
+    name: str,
+    value: Any,
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
+    most: float = math.inf,
+    error: Error = InputError,
+) -> float:
+    """Return one finite number as a float: not True, not text, not complex, not below ``least``, and over ``above``.
+
+    Raises
+    ------
+    InputError
+        Or the error class given: if it is not one, or out of range.
+    """
+    plain = isinstance(value, int | float | np.integer | np.floating) or (
+        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
+    )
     try:
-        return np.asarray(value).size
-    except ValueError:
-        raise InstanceError(f"{name} is ragged: its rows differ in length; give an array") from None
+        found = math.nan if isinstance(value, bool | np.timedelta64 | np.ma.MaskedArray) or not plain else float(value)
+    except OverflowError:
+        found = math.nan
+    if not (math.isfinite(found) and least <= found <= most and found > above):
+        span = f" of at least {least:g}" if least > -math.inf else f" above {above:g}" if above > -math.inf else ""
+        span += "" if most == math.inf else f" {'and' if span else 'of'} at most {most:g}"
+        raise error(f"{name} = {_shown(value)} is not a finite number{span}")
+    return found
 
 
-def ints(name: str, value: Any, shape: Shape) -> Ints:
+def is_finite(value: Any) -> bool:
+    """Whether something is one finite number."""
+    try:
+        number("", value)
+    except InputError:
+        return False
+    return True
+
+
+def count(name: str, value: Any, *, error: Error = InputError) -> int:
+    """Return the number of entries; an error if they make no array."""
+    return _array(name, value, error).size
+
+
+def floats(name: str, value: Any, shape: Shape | None, *, flags: bool = False, error: Error = InputError) -> Floats:
+    """Return finite floats as a read-only copy; ``flags`` lets True and False in as 1 and 0, for characteristics.
+
+    Raises
+    ------
+    InputError
+        Or the error class given: if the shape is wrong (None allows any length), or an entry is not a finite number.
+    """
+    array = np.array(real(name, value, flags=flags, error=error))
+    check_shape(name, array, shape, error=error)
+    return _sealed(array)
+
+
+def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputError) -> Ints:
     """Return whole numbers as a read-only copy, floats that hold whole numbers included.
 
     Raises
     ------
-    InstanceError
-        If the shape is wrong (None allows any length), or an entry is not a whole number.
+    InputError
+        Or the error class given: if the shape is wrong (None allows any length), or an entry is not a whole number.
     """
-    array = shaped(name, value, shape)
+    array = _array(name, value, error)
     if array.dtype.kind not in "iu":
-        array = floats(name, array, shape)
-    wrong = (array != np.floor(array)) | (np.abs(array) > 2**53) if array.dtype.kind == "f" else np.zeros(0, bool)
+        array = real(name, array, error=error)
+        wrong = (array != np.floor(array)) | (np.abs(array) > EXACT)
+    else:
+        wrong = array > np.iinfo(np.int64).max
+    check_shape(name, array, shape, error=error)
     if wrong.any():
-        i = int(wrong.argmax())
-        raise InstanceError(f"{name}[{i}] = {array[i]:.17g} is not a whole number of moderate size")
+        place = _first(wrong)
+        raise error(f"{name}{_written(place)} = {array[place]:.17g} is not a whole number of moderate size")
     return _sealed(np.array(array, dtype=np.int64))
 
 
-def floats(name: str, value: Any, shape: Shape) -> Floats:
-    """Return finite floats as a read-only copy.
+def mask(name: str, value: Any, shape: Shape | None = None, *, error: Error = InputError) -> Bools:
+    """Return an array of True and False; what is anything else is refused, 0 and 1 included.
 
     Raises
     ------
-    InstanceError
-        If the shape is wrong (None allows any length), or an entry is not a finite number.
+    InputError
+        Or the error class given: for NaN, words, numbers and positions, and masked arrays; or if the shape is wrong.
     """
-    array = shaped(name, value, shape)
-    try:
-        array = np.array(array, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InstanceError(f"{name} has entries that are not numbers (dtype {array.dtype}); give floats") from None
-    if not np.isfinite(array).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        place = f"[{', '.join(map(str, index))}]" if index else ""
-        raise InstanceError(f"{name}{place} is {array[index]}: drop the row or fill it in; optkit never guesses")
-    return _sealed(array)
-
-
-def shaped(name: str, value: Any, shape: Shape) -> npt.NDArray[Any]:
-    """Return an array of the shape, or raise an InstanceError; None allows any length."""
-    count(name, value)
-    array = np.asarray(value)
-    kinds = {"c": "complex numbers", "U": "text", "S": "text", "M": "dates", "m": "time spans", "V": "records"}
-    if array.dtype.kind in kinds:
-        real = "real numbers" if array.dtype.kind == "c" else "numbers"
-        raise InstanceError(
-            f"{name} holds {kinds[array.dtype.kind]} (dtype {array.dtype}), not {real}; give floats or ints"
+    array = _array(name, value, error, any_kind=True)
+    if array.dtype.kind == "O" and all(isinstance(x, bool | np.bool_) for x in array.flat):
+        array = array.astype(bool)  # a column that once had gaps
+    if array.dtype.kind != "b" and array.size:
+        place = next((p for p, x in np.ndenumerate(array) if not isinstance(x, bool | np.bool_)), ())
+        raise error(
+            f"{name}{_written(place)} is {_shown(array[place])}: a mask is made of True and False, one per entry; "
+            "compare to make one, as in column == 1"
         )
+    check_shape(name, array, shape, error=error)
+    return array.astype(bool, copy=False)
+
+
+def real(
+    name: str,
+    value: Any,
+    *,
+    accept: Literal["finite", "-inf", "any"] = "finite",
+    flags: bool = False,
+    error: Error = InputError,
+) -> Floats:
+    """Return floats of any shape, the array itself where it holds such: finite ones, or ``-inf`` too, or any.
+
+    Raises
+    ------
+    InputError
+        Or the error class given: if an entry is not such a number.
+    """
+    array = _array(name, value, error, flags=flags)
+    if array.dtype.kind == "O":
+        allowed = (bool, np.bool_) if flags else ()
+        strange = next((p for p, x in np.ndenumerate(array) if not (_is_real(x) or isinstance(x, allowed))), None)
+        if strange is not None:
+            entry = f"{name}{_written(strange)} is {_shown(array[strange])}"
+            raise error(f"{name} has entries that are not numbers ({entry}); give floats")
+    try:
+        array = np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise error(f"{name} has entries that are not numbers (dtype {array.dtype}); give floats") from None
+    good = np.isfinite(array)
+    if accept != "any" and not good.all() and not (accept == "-inf" and (good := good | np.isneginf(array)).all()):
+        place = _first(~good)
+        told = f"{name}{_written(place)} is {array[place]}, not a finite number"
+        raise error(f"{told}: drop the row or fill it in; optkit never guesses")
+    return array
+
+
+def check_shape(name: str, array: npt.NDArray[Any], shape: Shape | None, *, error: Error = InputError) -> None:
+    """Raise an error unless an array has a shape; None allows any length, or any shape."""
+    if shape is None:
+        return
     if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "")
-        raise InstanceError(f"{name} has shape {array.shape}; it needs ({wanted}), see the Instance docstring")
+        raise error(f"{name} has shape {array.shape}; it needs ({wanted})")
+
+
+def _array(name: str, value: Any, error: Error, *, flags: bool = False, any_kind: bool = False) -> npt.NDArray[Any]:
+    """Return what is given as an array, without a copy where it is one: of numbers or objects, or as said."""
+    nested = isinstance(value, list | tuple)
+    kinds = _kinds(value) if nested else {type(value)}
+    if any(issubclass(kind, np.ma.MaskedArray) for kind in kinds):
+        raise error(f"{name} is a masked array, and what it hides would count: fill it in or drop those entries")
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise error(f"{name} is ragged: its rows differ in length; give an array, rows padded to one length") from None
+    kind = array.dtype.kind
+    if any_kind:
+        return array
+    if kind in _STRANGE:
+        why = f"{_STRANGE[kind]} (dtype {array.dtype}), not {'real ' if kind == 'c' else ''}numbers"
+        raise error(f"{name} holds {why}; give floats or ints")
+    if not isinstance(value, np.ndarray) and str(getattr(value, "dtype", "")) == "category":
+        raise error(f"{name} holds categories, not numbers; give floats or ints")
+    if not flags and (kind == "b" or (nested and kind != "O" and kinds & {bool, np.bool_})):
+        raise error(f"{name} holds True or False, not numbers; give floats or ints")
     return array
+
+
+def _kinds(value: list[Any] | tuple[Any, ...]) -> set[type]:
+    """Types of the leaves of nested lists: an array made of them forgets a True among numbers, and what is masked."""
+    found = set(map(type, value))
+    for inner in [x for x in value if isinstance(x, list | tuple)] if found & {list, tuple} else ():
+        found |= _kinds(inner)
+    return found
+
+
+def _is_real(x: Any) -> bool:
+    """Whether one object is a real number, or None, a gap, which shows as NaN."""
+    return x is None or (isinstance(x, Real | Decimal) and not isinstance(x, bool | np.bool_ | np.timedelta64))
+
+
+def _first(wrong: Bools) -> tuple[int, ...]:
+    """Place of the first True."""
+    return tuple(int(i) for i in np.unravel_index(int(wrong.argmax()), wrong.shape))
+
+
+def _written(place: tuple[int, ...]) -> str:
+    return f"[{', '.join(map(str, place))}]" if place else ""
+
+
+def _shown(value: Any) -> str:
+    """Write a value as its owner would, on one line and not too long."""
+    return " ".join(repr(value.item() if isinstance(value, np.generic) else value).split())[:80]
 
 
 def _sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -105,14 +264,3 @@ def open_table(path: str | os.PathLike[str], remedy: str) -> Table:
     from optkit.basics.tables.read import open_table
 
     return open_table(path, remedy=remedy)
-
-
-Bools = npt.NDArray[np.bool_]
-
-
-def is_finite(value: Any) -> bool:
-    """Whether something is one finite number."""
-    try:
-        return math.isfinite(value)
-    except TypeError:
-        return False

@@ -6,7 +6,8 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from optkit.basics.errors import InputError, SolverError
+from optkit.basics.arrays import whole_number
+from optkit.basics.errors import SolverError
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -14,9 +15,7 @@ Answer = TypeVar("Answer")
 
 def check_jobs(jobs: int, name: str = "n_jobs") -> int:
     """Return a number of processes, with 0 for one per core; InputError if it is negative or no whole number."""
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 0:
-        raise InputError(f"{name} {jobs} is negative or no whole number; 0 means one process per core")
-    return jobs or os.cpu_count() or 1
+    return whole_number(name, jobs, least=0) or os.cpu_count() or 1
 
 
 def in_parallel(

@@ -12,7 +12,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import whole_number
 
 
 class Stream(IntEnum):
@@ -74,8 +74,7 @@ def step_generator(seed: int, step: int) -> np.random.Generator:
 
 def check_count(count: int) -> None:
     """Raise an InputError unless ``count`` is a whole number of at least 0."""
-    if not isinstance(count, int | np.integer) or count < 0:
-        raise InputError(f"count = {count} is negative or no whole number; ask for 0 or more instances")
+    whole_number("count", count, least=0)
 
 
 def seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
@@ -83,12 +82,9 @@ def seed_sequence(seed: int | np.random.SeedSequence) -> np.random.SeedSequence:
     if isinstance(seed, np.random.SeedSequence):
         # A copy, so that sampling twice from one sequence gives the same instances twice.
         return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed {seed!r} is not a whole number >= 0")
-    return np.random.SeedSequence(int(seed))
+    return np.random.SeedSequence(whole_number("seed", seed, least=0))
 
 
 def check_seed(seed: object) -> None:
     """Raise an InputError unless the seed is a whole number of at least 0."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed {seed!r} is not a whole number >= 0")
+    whole_number("seed", seed, least=0)

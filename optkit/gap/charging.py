@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import real
 from optkit.basics.errors import InputError
 from optkit.basics.seeds import Stream, stream
 from optkit.bounds.penalised.foresight import LONGEST, Foresight, fifo_presence
@@ -185,7 +186,7 @@ def worker_charging(
     presence, groups = fifo_presence(rate, max(LONGEST, batch.horizon)), batch.groups
     if share is None and groups > 1:
         raise InputError(f"there are {groups} groups of workers: their shares must be given, for example 0.3,0.7")
-    shares = np.ones(1) if share is None else np.asarray(share, dtype=float)
+    shares = np.ones(1) if share is None else real("share", share)
     if shares.shape != (groups,):
         raise InputError(f"{shares.size} shares for {groups} groups of workers: give one for each")
     foresight = Foresight(presence, shares)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from optkit.basics.arrays import real
 from optkit.basics.errors import PolicyError
 from optkit.bounds.arrival.policy_value import Offer
 from optkit.instances.instance import Floats, Instance, Ints
@@ -66,10 +67,7 @@ def lattice_offers(instance: Instance, policy: Policy) -> Offer:
 
 
 def _numbers(found: object, step: int, shape: tuple[int, ...]) -> Floats:
-    try:
-        paid = np.asarray(found, dtype=float)
-    except (TypeError, ValueError):
-        raise PolicyError(f"the policy returned something that is not an array of numbers at step {step}") from None
+    paid = real(f"what the policy returned at step {step}", found, accept="any", error=PolicyError)
     if paid.shape != shape:
         raise PolicyError(
             f"the policy returned shape {paid.shape} at step {step} for {shape} decisions and requests; "

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from optkit.basics.arrays import whole_number
 from optkit.basics.errors import InputError, SolverError
 from optkit.basics.parallel import check_jobs, in_parallel
 from optkit.basics.plain_json import to_json
@@ -302,8 +301,7 @@ def _checked(
             raise InputError(f"policy {name!r} is a {type(policy).__name__}, which cannot be called")
     check_limit(limit)
     check_seed(seed)
-    if isinstance(redraws, bool) or not isinstance(redraws, int | np.integer) or redraws < 1:
-        raise InputError(f"redraws = {redraws!r} must be a whole number of at least 1")
+    whole_number("redraws", redraws, least=1)
     if not 0 < confidence < 1:
         raise InputError(f"confidence = {confidence} is not between 0 and 1")
     able = value is not None and foresight is not None

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from optkit.basics.arrays import whole_number
 from optkit.basics.errors import InputError
 from optkit.instances.scenario import Scenario, world_generator
 from optkit.instances.settings import TABLE_1, ScenarioSettings, adjust
@@ -87,8 +86,7 @@ def scenario(
     key = known.get(str(name).lower().replace("_", "-"))
     if key is None:
         raise InputError(f"no scenario {name!r}; there are {', '.join(TABLE_1)}")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"the world's seed {seed!r} is not a whole number >= 0")
+    seed = whole_number("the world's seed", seed, least=0)
     if key.startswith("nyc"):
         from optkit.instances.new_york.trip_scenario import trip_scenario
 

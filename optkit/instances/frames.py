@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, floats, ints
+from optkit.basics.arrays import Floats, floats, ints, real
 from optkit.basics.errors import InstanceError
 from optkit.instances.queue import fifo_queue
 
@@ -29,18 +29,18 @@ def fields_from_frames(
     """Return the fields of an Instance; see :meth:`optkit.Instance.from_frames` for arguments and errors."""
     _need("requests", requests, ["arrival", "expiry", "reward", *features])
     _need("workers", workers, ["step"])
-    mu = floats("mu", np.atleast_1d(np.asarray(mu)), (None,))
+    mu = floats("mu", np.atleast_1d(real("mu", mu, error=InstanceError)), (None,), error=InstanceError)
     numbered = [c for c in requests.columns if isinstance(c, str) and re.fullmatch(r"utility_\d+", c)]
     columns = [f"utility_{d}" for d in range(len(numbered))] or ["utility"]
     _need("requests", requests, columns)
     if mu.size == 1:
         mu = np.full(len(columns), mu[0])
     n = len(requests)
-    step = ints("step", workers["step"].to_numpy(), (len(workers),))
+    step = ints("step", workers["step"], (len(workers),), error=InstanceError)
     order = np.argsort(step, kind="stable")
     step = step[order]
     group = workers["group"].to_numpy()[order] if "group" in workers else np.zeros(len(step), int)
-    expiry = ints("expiry", requests["expiry"].to_numpy(), (n,))
+    expiry = ints("expiry", requests["expiry"], (n,), error=InstanceError)
     if horizon is None:
         horizon = int(max(expiry.max(initial=0), step.max(initial=0))) + 1
     if queue:
@@ -53,7 +53,7 @@ def fields_from_frames(
             name: requests[name].to_numpy() if name in requests else np.zeros(n, kind)
             for name, kind in (("penalty", float), ("pickup", int), ("dropoff", int))
         },
-        features=_columns("features", requests, list(features)),
+        features=_columns("features", requests, list(features), flags=True),
         worker_step=step,
         worker_group=group,
         utility=_columns("utility", requests, columns).T,
@@ -69,10 +69,10 @@ def _need(table: str, frame: pd.DataFrame, columns: Sequence[str]) -> None:
         raise InstanceError(f"the {table} table has no column {', '.join(map(repr, missing))}; it has: {have}")
 
 
-def _columns(name: str, frame: pd.DataFrame, columns: list[str]) -> Floats:
+def _columns(name: str, frame: pd.DataFrame, columns: list[str], flags: bool = False) -> Floats:
     """Return columns of a table as a matrix, (rows, columns); an error names the column."""
     matrix = np.empty((len(frame), len(columns)))
     for c, column in enumerate(columns):
         label = column if column.startswith(name) else f"{name} {column!r}"
-        matrix[:, c] = floats(label, frame[column].to_numpy(), (len(frame),))
+        matrix[:, c] = floats(label, frame[column], (len(frame),), flags=flags, error=InstanceError)
     return matrix

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from optkit.basics.arrays import Floats, Ints, count, floats, ints, whole_number
+from optkit.basics import arrays
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InstanceError
 from optkit.instances.queue import fifo_queue
 
@@ -21,6 +23,12 @@ __all__ = ["DENSE_NOISE_LIMIT", "Floats", "Instance", "Ints", "fifo_queue"]
 
 DENSE_NOISE_LIMIT = 4_000_000
 """Worker-request pairs above which :meth:`Instance.with_noise` draws sparse noise (32 MB if dense)."""
+
+_whole_number = partial(arrays.whole_number, error=InstanceError)
+_count = partial(arrays.count, error=InstanceError)
+_ints = partial(arrays.ints, error=InstanceError)
+_real = partial(arrays.real, error=InstanceError)
+_floats = partial(arrays.floats, error=InstanceError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,23 +109,21 @@ class Instance:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("horizon", whole_number("horizon", self.horizon))
+        put("horizon", _whole_number("horizon", self.horizon))
         if self.horizon < 1:
             raise InstanceError(f"horizon is {self.horizon}: it needs at least one step")
-        n, J = count("arrival", self.arrival), count("worker_step", self.worker_step)
+        n, J = _count("arrival", self.arrival), _count("worker_step", self.worker_step)
         for name in ("arrival", "expiry", "pickup", "dropoff"):
-            put(name, ints(name, getattr(self, name), (n,)))
+            put(name, _ints(name, getattr(self, name), (n,)))
         for name in ("reward", "penalty"):
-            put(name, floats(name, getattr(self, name), (n,)))
+            put(name, _floats(name, getattr(self, name), (n,)))
         for name in ("worker_step", "worker_group"):
-            put(name, ints(name, getattr(self, name), (J,)))
-        put("features", floats("features", self.features, (n, None)))
-        put("mu", floats("mu", np.atleast_1d(np.asarray(self.mu)), (None,)))
-        put("utility", floats("utility", self.utility, (self.mu.size, n)))
-        if np.ndim(self.outside_utility) == 0:
-            put("outside_utility", float(floats("outside_utility", self.outside_utility, ())))
-        else:
-            put("outside_utility", floats("outside_utility", self.outside_utility, (self.mu.size,)))
+            put(name, _ints(name, getattr(self, name), (J,)))
+        put("features", _floats("features", self.features, (n, None), flags=True))
+        put("mu", _floats("mu", np.atleast_1d(_real("mu", self.mu)), (None,)))
+        put("utility", _floats("utility", self.utility, (self.mu.size, n)))
+        outside = _real("outside_utility", self.outside_utility)
+        put("outside_utility", _floats("outside_utility", outside, (self.mu.size,)) if outside.ndim else float(outside))
         self._check_rules()
         self._check_noise()
 
@@ -167,11 +173,11 @@ class Instance:
         if self.noise is None:
             return
         shape = (self.worker_step.size, self.arrival.size)
-        object.__setattr__(self, "outside_noise", floats("outside_noise", self.outside_noise, shape[:1]))
+        object.__setattr__(self, "outside_noise", _floats("outside_noise", self.outside_noise, shape[:1]))
         if sparse.issparse(self.noise):
             object.__setattr__(self, "noise", self._compatible_noise(sparse.csr_array(self.noise, copy=True), shape))
         else:
-            object.__setattr__(self, "noise", floats("noise", self.noise, shape))
+            object.__setattr__(self, "noise", _floats("noise", self.noise, shape))
 
     def _compatible_noise(self, noise: sparse.csr_array, shape: tuple[int, int]) -> sparse.csr_array:
         if noise.shape != shape:

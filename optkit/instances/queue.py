@@ -34,7 +34,7 @@ def fifo_queue(arrival: npt.ArrayLike, horizon: int) -> tuple[Ints, Ints]:
     >>> fifo_queue([0, 0, 0, 5], horizon=6)
     (array([0, 1, 2, 5]), array([0, 1, 2, 3]))
     """
-    joined = ints("arrival", arrival, (np.size(arrival),))
+    joined = ints("arrival", arrival, (None,), error=InstanceError)
     if (np.diff(joined) < 0).any():
         j = int((np.diff(joined) < 0).argmax()) + 1
         raise InstanceError(f"arrival[{j}] = {joined[j]} comes before arrival[{j - 1}]: sort the workers by arrival")

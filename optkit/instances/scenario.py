@@ -114,6 +114,7 @@ class Scenario:
 
         Examples
         --------
+        >>> from optkit import scenario
         >>> len(scenario("I.2", seed=0).further("train", 3))
         3
         """

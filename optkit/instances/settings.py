@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from optkit.basics.arrays import number, whole_number
 from optkit.basics.errors import InputError
 
 
@@ -27,7 +28,7 @@ def adjust(base: ScenarioSettings, changes: dict[str, Any]) -> ScenarioSettings:
     return replace(base, **checked)
 
 
-LARGEST = 1e8
+LARGEST = 100_000_000
 """Upper limit of every setting: beyond it nothing fits in memory."""
 
 
@@ -45,26 +46,11 @@ def _setting(name: str, value: Any) -> Any:
     if name == "split":
         if not isinstance(value, Sequence) or len(value) != 3:
             raise InputError(f"setting split = {value!r} must be three whole numbers: training, test, validation")
-        return tuple(_whole("split", size, 0) for size in value)
+        return tuple(whole_number("setting split", size, least=0, most=LARGEST) for size in value)
     if name in _WHOLE:
-        return _whole(name, value, _WHOLE[name])
-    number = float(value) if isinstance(value, int | float | np.number) else float("nan")
-    if not np.abs(number) <= LARGEST:
-        raise InputError(f"setting {name} = {value!r} must be a finite number of at most {LARGEST:g}")
-    if (name in _POSITIVE and number <= 0) or (name in _NOT_NEGATIVE and number < 0):
-        raise InputError(f"setting {name} = {value!r} must {'be positive' if name in _POSITIVE else 'not be negative'}")
-    return number
-
-
-def _whole(name: str, value: Any, least: int) -> int:
-    if (
-        not isinstance(value, int | float | np.number)
-        or not np.isfinite(value)
-        or not least <= value <= LARGEST
-        or value != int(value)
-    ):
-        raise InputError(f"setting {name} = {value!r} must be a whole number from {least} to {LARGEST:g}")
-    return int(value)
+        return whole_number(f"setting {name}", value, least=_WHOLE[name], most=LARGEST)
+    least, above = 0.0 if name in _NOT_NEGATIVE else -LARGEST, 0.0 if name in _POSITIVE else -np.inf
+    return number(f"setting {name}", value, least=least, above=above, most=LARGEST)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from optkit.basics.arrays import whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, check_count, stream
 from optkit.instances.instance import Instance
@@ -131,8 +130,7 @@ def training_split(source: Scenario | Split, instances: int | None = None) -> Sp
         return source.split() if isinstance(source, Scenario) else source
     if not isinstance(source, Scenario):
         raise InputError(f"instances = {instances} can be drawn from a scenario only: pass one, or leave instances out")
-    if isinstance(instances, bool) or not isinstance(instances, int | np.integer) or instances < 1:
-        raise InputError(f"instances = {instances!r} must be a whole number of at least 1")
+    instances = whole_number("instances", instances, least=1)
     split = source.split()
     # As many to choose by, in proportion: rounds differ by less than the few of the split can tell.
     by = max(len(split.validation), round(instances * len(split.validation) / max(1, len(split.train))))

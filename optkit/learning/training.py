@@ -18,8 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optkit.basics.arrays import floats, number, whole_number
 from optkit.basics.errors import InputError, TrainingError
-from optkit.basics.seeds import check_seed
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.instances.scenario import Scenario, Split
 from optkit.instances.splits import training_split
@@ -71,20 +71,17 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_seed(self.seed)
-        if isinstance(self.seeds, bool) or not isinstance(self.seeds, int | np.integer) or self.seeds < 1:
-            raise InputError(f"seeds = {self.seeds!r} must be a whole number of at least 1")
-        if not (isinstance(self.discount, int | float | np.number) and 0 <= self.discount <= 1):
-            raise InputError(f"discount = {self.discount!r} must be a number from 0 to 1")
-        try:
-            deviations = tuple(float(d) for d in self.deviations)
-        except (TypeError, ValueError):
-            deviations = ()
-        if not deviations or not all(0 <= d < np.inf for d in deviations):
+        deviations = tuple(floats("deviations", self.deviations, (None,)).tolist())
+        if not deviations or min(deviations) < 0:
             raise InputError(f"deviations = {self.deviations!r} must be numbers of at least 0, in money, one a round")
-        for name, plain in (("deviations", deviations), ("discount", float(self.discount)), ("seeds", int(self.seeds))):
+        checked = {
+            "deviations": deviations,
+            "discount": number("discount", self.discount, least=0.0, most=1.0),
+            "seeds": whole_number("seeds", self.seeds, least=1),
+            "seed": whole_number("seed", self.seed, least=0),
+        }
+        for name, plain in checked.items():
             object.__setattr__(self, name, plain)
-        object.__setattr__(self, "seed", int(self.seed))
 
 
 def train(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from optkit.models.decision import Decisions, Floats, per_request
+from optkit.models.decision import Decisions, Floats
 
 
 def acceptance_probabilities(
@@ -27,11 +27,11 @@ def acceptance_probabilities(
     Parameters
     ----------
     compensation, utility : (..., n) float
-        Money; they broadcast against each other.
+        Money; they broadcast against each other. A utility of ``-inf`` says that the worker cannot serve the request.
     mu, outside_utility : (...) float
         Noise scale (positive) and utility of rejecting, in money; one number, or one per decision.
     offered : (..., n) bool, optional
-        Which requests are on offer; all by default. The others have probability 0.
+        Which requests are on offer, True or False; all by default. The others have probability 0.
 
     Returns
     -------
@@ -43,7 +43,8 @@ def acceptance_probabilities(
     Raises
     ------
     InputError
-        If an entry is not finite, mu is not positive, or shapes do not fit.
+        If an entry is not finite (but for ``-inf`` in ``utility``), a ratio to mu overflows, mu is not positive, the
+        mask is not made of True and False, or shapes do not fit.
 
     Examples
     --------
@@ -51,10 +52,9 @@ def acceptance_probabilities(
     >>> acceptance.round(4), rejection.round(4)
     (array([0.3333, 0.3333]), np.float64(0.3333))
     """
-    # A compensation raises the utility one for one, so value = compensation makes the advantage the log-odds.
-    d = Decisions.of(per_request("compensation", compensation), utility, mu, outside_utility, offered)
-    acceptance, rejection = softmax_with_outside(d.advantage)
-    return acceptance.reshape(*d.shape, acceptance.shape[1]), rejection.reshape(d.shape)[()]
+    seen = Decisions.at_prices(compensation, utility, mu, outside_utility, offered)
+    acceptance, rejection = softmax_with_outside(seen.log_odds)
+    return acceptance.reshape(*seen.shape, acceptance.shape[1]), rejection.reshape(seen.shape)[()]
 
 
 def softmax_with_outside(logit: Floats) -> tuple[Floats, Floats]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import number
 from optkit.basics.seeds import check_seed, step_generator
 from optkit.instances.instance import Floats
 from optkit.simulation.simulator import Policy
@@ -42,8 +42,7 @@ class RandomOffers:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.low <= self.high < np.inf:
-            raise InputError(f"shares from {self.low} to {self.high}: give 0 <= low <= high")
+        number("high", self.high, least=number("low", self.low, least=0.0))
         check_seed(self.seed)
 
     def __call__(self, state: State) -> Floats:
@@ -85,8 +84,7 @@ class Explore:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.deviation < np.inf:
-            raise InputError(f"deviation = {self.deviation} must be a number of at least 0, in money")
+        number("deviation", self.deviation, least=0.0)
         check_seed(self.seed)
 
     def __call__(self, state: State) -> Floats:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import is_finite
+from optkit.basics.arrays import number
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats
 from optkit.simulation.state import State
@@ -42,8 +42,7 @@ class Formula:
 
     def __post_init__(self) -> None:
         for name, weight in vars(self).items():
-            if not is_finite(weight):
-                raise InputError(f"the weight {name} = {weight} of a Formula must be a finite number")
+            number(f"the weight {name}", weight)
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from optkit.basics.arrays import is_finite
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import number
 from optkit.instances.instance import Floats
 from optkit.simulation.state import State
 
@@ -34,8 +33,7 @@ class RewardPercentage:
     share: float
 
     def __post_init__(self) -> None:
-        if not (is_finite(self.share) and self.share >= 0):
-            raise InputError(f"share = {self.share} must be a finite number >= 0; 0.5 pays half of the reward")
+        number("share", self.share, least=0.0)
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money; rewards below 0 are paid nothing."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import floats, real
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats, Instance
 from optkit.policies.formula import Formula, formula
@@ -90,7 +91,7 @@ def tune_reward_percentage(
     >>> tune_reward_percentage(scenario("I.1", seed=0).sample(20, seed=1)).policy
     RewardPercentage(share=0.58)
     """
-    settings = np.asarray(grid, dtype=float).reshape(-1, 1)
+    settings = real("the grid for share", grid).reshape(-1, 1)
 
     def pay(state: State, setting: Floats) -> Floats:
         return (setting[:, :1] * state.reward).clip(min=0.0)
@@ -137,10 +138,8 @@ def tune_formula(
     if set(chosen) != set(FORMULA_GRID):
         raise InputError(f"the grid names {', '.join(chosen)}; a Formula has {', '.join(FORMULA_GRID)}")
     names = list(FORMULA_GRID)
-    try:
-        settings = np.array(list(product(*(chosen[name] for name in names))), dtype=float).reshape(-1, len(names))
-    except (TypeError, ValueError):
-        raise InputError("the grid must hold a sequence of numbers for every weight of a Formula") from None
+    columns = [floats(f"the grid for {name}", chosen[name], (None,)) for name in names]
+    settings = np.array(list(product(*columns))).reshape(-1, len(names))
 
     def pay(state: State, setting: Floats) -> Floats:
         return formula(state, *(setting[:, k : k + 1] for k in range(4)))
@@ -166,10 +165,8 @@ def _search(
     batch = Batch.of(instances)
     if len(batch) == 0:
         raise InputError("tuning needs at least one instance")
-    if settings.size == 0 or not np.isfinite(settings).all() or (names == ["share"] and settings.min() < 0):
-        raise InputError(
-            f"the grid for {', '.join(names)} must hold finite numbers, shares at least 0, and at least one"
-        )
+    if settings.size == 0 or (names == ["share"] and settings.min() < 0):
+        raise InputError(f"the grid for {', '.join(names)} must hold at least one number, and shares of at least 0")
     together = max(1, RUNS_AT_ONCE // len(batch))
     mean = np.empty(len(settings))
     for first in range(0, len(settings), together):

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from optkit.basics.arrays import real
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats
 
@@ -44,13 +45,12 @@ def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, to
     >>> performance_ratio([80.0, -20.0], [100.0, 100.0], [-20.0, -20.0])
     array([83.33333333,   0.        ])
     """
-    earned, best, least = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (reward, full_information, total_penalty))
+    given = {"reward": reward, "full_information": full_information, "total_penalty": total_penalty}
+    earned, best, least = (np.atleast_1d(real(name, x)) for name, x in given.items())
     if not earned.shape == best.shape == least.shape:
         raise InputError(
             f"lengths differ: reward {earned.shape}, full_information {best.shape}, total_penalty {least.shape}"
         )
-    if not np.isfinite([earned, best, least]).all():
-        raise InputError("reward, full_information and total_penalty must be finite numbers")
     room, short = best - least, best - earned
     rounding = 1e-9 * np.maximum(1.0, np.abs(best))
     if (room < -rounding).any():
@@ -117,17 +117,15 @@ def mean_interval(
     >>> mean_interval([3.0, 5.0, 7.0], [2.0, 4.0, 6.0]).mean
     1.0
     """
-    x = np.asarray(values, dtype=float)
+    x = real("values", values)
     if baseline is not None:
-        base = np.asarray(baseline, dtype=float)
+        base = real("baseline", baseline)
         if base.shape != x.shape:
             raise InputError(f"pairing needs the same instances: {x.shape} values against {base.shape} of the baseline")
         x = x - base
     if x.ndim != 1 or x.size == 0:
         raise InputError(f"a mean needs one value per instance, at least one; got shape {x.shape}")
-    if not np.isfinite(x).all():
-        b = int((~np.isfinite(x)).argmax())
-        raise InputError(f"value {b} is {x[b]}; a mean needs finite numbers")
+    real("values less baseline", x)
     if not 0 < confidence < 1:
         raise InputError(f"confidence = {confidence} is not between 0 and 1")
     mean = float(x.mean())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import real
 from optkit.basics.errors import PolicyError
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.simulation.batch import Batch
@@ -178,15 +179,7 @@ def _state(batch: Batch, step: int, row: Ints, instance: Ints, worker: Ints, ope
 
 def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
     """Return compensations as floats, 0 where nothing is offered, or raise a PolicyError naming the first offence."""
-    try:
-        given = np.asarray(compensation)
-        if given.dtype.kind not in "fiubO":
-            raise TypeError
-        offer = given.astype(float)
-    except (TypeError, ValueError):
-        raise PolicyError(
-            f"the policy returned something that is not an array of numbers at step {state.step}; return (b, w) floats"
-        ) from None
+    offer = real(f"what the policy returned at step {state.step}", compensation, accept="any", error=PolicyError)
     if offer.shape != state.offered.shape:
         shapes = f"shape {offer.shape} at step {state.step} for {state.offered.shape} decisions and requests"
         raise PolicyError(f"the policy returned {shapes}; return a compensation for each")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any
 
+from optkit.basics.arrays import whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.instances.new_york.trip_files import find_files
 from optkit.instances.new_york.trip_scenario import check_selection
@@ -77,10 +78,11 @@ class Study:
     def __post_init__(self) -> None:
         if self.name not in STUDIES:
             raise InputError(f"no study {self.name!r}; there are {', '.join(STUDIES)}, and all")
-        if not self.worlds or any(isinstance(w, bool) or not isinstance(w, int) or w < 0 for w in self.worlds):
-            raise InputError(f"worlds = {self.worlds!r} must be whole numbers >= 0, at least one")
-        if isinstance(self.seeds, bool) or not isinstance(self.seeds, int) or self.seeds < 1:
-            raise InputError(f"seeds = {self.seeds!r} must be a whole number of at least 1")
+        if not self.worlds:
+            raise InputError("worlds is empty; give the number of at least one")
+        worlds = tuple(whole_number(f"worlds[{k}]", world, least=0) for k, world in enumerate(self.worlds))
+        object.__setattr__(self, "worlds", worlds)
+        object.__setattr__(self, "seeds", whole_number("seeds", self.seeds, least=1))
         if self.name == "nyc" and not self.trips:
             raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
         if self.name != "nyc" and (self.mode, self.fraction) != ("folded", None):

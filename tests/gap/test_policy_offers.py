@@ -72,7 +72,7 @@ def test_noise_is_not_looked_at():
     ("policy", "says"),
     [
         (lambda state: np.zeros(3), "shape"),
-        (lambda state: "dear", "not an array of numbers"),
+        (lambda state: "dear", "the policy returned at step .* holds text"),
         (lambda state: -1.0 - state.reward, "number >= 0"),
         (lambda state: np.nan * state.reward, "number >= 0"),
     ],

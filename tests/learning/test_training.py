@@ -438,10 +438,10 @@ def test_targets_that_explode_are_not_returned(split):
         ({"deviations": (-1.0,)}, "deviations"),
         ({"deviations": (np.nan,)}, "deviations"),
         ({"deviations": (np.inf,)}, "deviations"),
-        ({"deviations": 8.0}, r"deviations = 8\.0"),
-        ({"deviations": "ab"}, "deviations = 'ab'"),
-        ({"seed": -1}, "seed -1"),
-        ({"seed": 0.5}, r"seed 0\.5"),
+        ({"deviations": 8.0}, r"deviations has shape \(\)"),
+        ({"deviations": "ab"}, "deviations holds text"),
+        ({"seed": -1}, "seed = -1"),
+        ({"seed": 0.5}, r"seed = 0\.5"),
         ({"seeds": 0}, "seeds = 0"),
         ({"seeds": 1.5}, r"seeds = 1\.5"),
         ({"seeds": True}, "seeds = True"),
@@ -498,7 +498,7 @@ def test_more_instances_can_be_drawn_for_a_scenario(split):
         with pytest.raises(InputError, match="instances = 50 can be drawn from a scenario only"):
             train(other, choice="true", instances=50)
     for wrong in (-1, 0, 1.5, True, "many"):
-        with pytest.raises(InputError, match=f"instances = {wrong!r} must be a whole number of at least 1"):
+        with pytest.raises(InputError, match=f"instances = {wrong!r} is not a whole number of at least 1"):
             train(source, choice="true", instances=wrong)
 
 

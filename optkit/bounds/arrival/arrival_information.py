@@ -146,7 +146,7 @@ def arrival_hybrid(
     if multipliers is None:
         prices = _multipliers(_lagrangian(instance))
     else:
-        prices = checked_multipliers(np.asarray(multipliers, float), instance.n_requests)
+        prices = checked_multipliers(multipliers, instance.n_requests)
     tracked = choose_tracked(instance, prices, limit)
     return solve_subsets(instance, "hybrid", tracked, np.where(tracked, 0.0, prices), nonnegative, limit, started)
 

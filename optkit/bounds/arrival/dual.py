@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.errors import InputError
+from optkit.bounds.arrival.exact import checked_multipliers
 from optkit.bounds.arrival.market import MultiplierCertificate, OpenPairs
 from optkit.bounds.arrival.newton import check_options, minimise
 from optkit.bounds.bound import Bound, SolverRecord
@@ -75,12 +74,7 @@ def arrival_dual(
     started = time.perf_counter()
     check_options(tolerance, max_iterations)
     market = OpenPairs.of(instance)
-    n = instance.n_requests
-    start = None
-    if multipliers is not None:
-        start = np.array(multipliers, float)
-        if start.shape != (n,) or not np.isfinite(start).all() or (start < 0).any():
-            raise InputError(f"multipliers have shape {start.shape}: give {n} finite numbers >= 0, one per request")
+    start = None if multipliers is None else checked_multipliers(multipliers, instance.n_requests)
     solved = minimise(market, tolerance, max_iterations, start)
     certificate = MultiplierCertificate(solved.multipliers)
     verdict = market.verdict(solved.multipliers)

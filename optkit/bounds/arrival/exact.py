@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from optkit.basics.arrays import floats, whole_number
 from optkit.basics.errors import InputError, SolverError
 from optkit.bounds.arrival.lattice import Bools, lattice_bits, stages
 from optkit.bounds.arrival.subsets import SubsetProgram
@@ -205,14 +207,15 @@ def _program(instance: Instance, tracked: Bools, multipliers: Floats, nonnegativ
     return SubsetProgram(instance, stages(instance, tracked=tracked), multipliers, signed)
 
 
-def checked_multipliers(multipliers: Floats, n: int) -> Floats:
+def checked_multipliers(multipliers: Any, n: int) -> Floats:
     """Return multipliers (n,) in money, or raise an InputError unless they are finite and at least 0."""
-    if multipliers.shape != (n,) or not np.isfinite(multipliers).all() or (multipliers < 0).any():
-        raise InputError(f"multipliers of shape {multipliers.shape} must be {n} finite numbers, none below 0")
-    return multipliers
+    found = floats("multipliers", multipliers, (n,))
+    if (found < 0).any():
+        i = int((found < 0).argmax())
+        raise InputError(f"multipliers[{i}] = {found[i]} is negative; a request's multiplier is at least 0")
+    return found
 
 
 def check_limit(limit: int) -> None:
     """Raise an InputError unless the limit is a whole number of at least 0."""
-    if isinstance(limit, bool) or not isinstance(limit, int | np.integer) or limit < 0:
-        raise InputError(f"limit = {limit!r} is not a whole number >= 0: it is the number of requests to tell apart")
+    whole_number("limit", limit, least=0)

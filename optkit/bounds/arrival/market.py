@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import wrightomega
 
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import floats
 from optkit.bounds.bound import Verdict
 from optkit.instances.instance import Floats, Instance, Ints
 
@@ -218,10 +218,7 @@ class OpenPairs:
         InputError
             If there are not n of them, or one is NaN or infinite.
         """
-        given = np.asarray(multipliers, float)
-        n = self.count.size
-        if given.shape != (n,) or not np.isfinite(given).all():
-            raise InputError(f"multipliers have shape {given.shape}: give each of the {n} requests a finite number")
+        given = floats("multipliers", multipliers, self.count.shape)
         prices = np.maximum(given, 0.0)
         residual = float(np.max(prices - given, initial=0.0))
         if not self.size:

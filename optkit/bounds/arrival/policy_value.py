@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.bounds.arrival.subsets import Charge, SubsetProgram
 from optkit.instances.instance import Floats, Ints
@@ -76,10 +76,7 @@ def policy_value(program: SubsetProgram, offer: Offer, charge: Charge | None = N
 
 def _checked(offer: npt.ArrayLike, open_: Bools, step: int) -> Floats:
     """Return compensations (S, m), 0 where nothing is open, or raise a PolicyError."""
-    try:
-        paid = np.asarray(offer, dtype=float)
-    except (TypeError, ValueError):
-        raise PolicyError(f"the policy returned something that is not an array of numbers at step {step}") from None
+    paid = real(f"what the policy returned at step {step}", offer, accept="any", error=PolicyError)
     if paid.shape != open_.shape:
         raise PolicyError(
             f"the policy returned shape {paid.shape} at step {step} for {open_.shape} states and requests"

@@ -26,7 +26,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, ints
+from optkit.basics.arrays import mask as mask_of
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound, SolverRecord
 from optkit.bounds.exact.certificate import ExactCertificate, decisions_of, expectation
@@ -143,11 +144,9 @@ class ExactSolution:
     ) -> _Sets:
         if not 0 <= step < self.model.horizon:
             raise InputError(f"step = {step} is not one of the model's steps 0..{self.model.horizon - 1}")
-        given = [np.asarray(x) for x in (request_type, steps_left, queue)]
-        if any(x.size and x.dtype.kind not in "iu" for x in given):
-            raise InputError("request_type, steps_left and queue are not all whole numbers; give arrays of ints")
-        given = [x.astype(np.int64) for x in given]  # an empty list comes as floats
-        mask = np.asarray(True if member is None else member, dtype=bool)
+        named = {"request_type": request_type, "steps_left": steps_left, "queue": queue}
+        given = [ints(name, x, None) for name, x in named.items()]
+        mask = np.asarray(True) if member is None else mask_of("member", member)
         try:
             *lead, w = shape = np.broadcast_shapes(given[0].shape, given[1].shape, mask.shape)
             length = np.broadcast_to(given[2], lead).ravel()

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, Ints, whole_number
+from optkit.basics.arrays import Floats, Ints, floats, real, whole_number
 from optkit.basics.errors import InputError
 from optkit.basics.seeds import check_count, seed_sequence
 from optkit.instances.instance import Instance, fifo_queue
@@ -105,19 +105,17 @@ class SmallModel:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("horizon", whole_number("horizon", self.horizon))
-        put("queue", whole_number("queue", self.queue))
-        K = max(_numbers("reward", self.reward, (None,)).size, 1)
-        D = max(_numbers("mu", self.mu, (None,)).size, 1)
+        put("horizon", whole_number("horizon", self.horizon, least=1))
+        put("queue", whole_number("queue", self.queue, least=0))
+        K = max(floats("reward", self.reward, (None,)).size, 1)
+        D = max(floats("mu", self.mu, (None,)).size, 1)
         shapes = {"reward": (K,), "penalty": (K,), "lifetime": (K,), "mu": (D,), "utility": (D, K)}
         for name, shape in shapes.items():
-            put(name, _numbers(name, getattr(self, name), shape))
-        outside = _numbers("outside_utility", self.outside_utility, None)
-        put("outside_utility", outside if outside.ndim == 0 else _numbers("outside_utility", outside, (D,)))
-        put("features", _numbers("features", np.eye(K) if self.features is None else self.features, (K, None)))
+            put(name, floats(name, getattr(self, name), shape))
+        outside = real("outside_utility", self.outside_utility)
+        put("outside_utility", floats("outside_utility", outside, (D,) if outside.ndim else ()))
+        put("features", floats("features", np.eye(K) if self.features is None else self.features, (K, None)))
         for broken, name, why in (
-            (self.horizon < 1, "horizon", "has no step; it needs at least one"),
-            (self.queue < 0, "queue", "is negative; 0 lets nobody wait"),
             (self.penalty > 0, "penalty", "is positive; write a cost of expiry as a number <= 0"),
             (self.lifetime < 0, "lifetime", "is negative; 0 means one step only"),
             (self.lifetime != np.floor(self.lifetime), "lifetime", "is no whole number of steps"),
@@ -128,8 +126,8 @@ class SmallModel:
                 place = f"[{i}]" if np.ndim(broken) else ""
                 raise InputError(f"{name}{place} = {np.ravel(getattr(self, name))[i]:g} {why}")
         put("lifetime", _sealed(self.lifetime.astype(np.int64)))
-        put("workers", _distribution("workers", _numbers("workers", self.workers, (None,))))
-        share = np.full(D, 1.0 / D) if self.share is None else _numbers("share", self.share, (D,))
+        put("workers", _distribution("workers", floats("workers", self.workers, (None,))))
+        share = np.full(D, 1.0 / D) if self.share is None else floats("share", self.share, (D,))
         put("share", _distribution("share", share))
         put("streams", self._streams(K))
 
@@ -141,15 +139,15 @@ class SmallModel:
                 pairs = [(count, probability) for count, probability in self.joint_arrivals]
             except (TypeError, ValueError):
                 raise InputError("joint_arrivals is no list of pairs (numbers of requests, probability)") from None
-            count = np.array([_numbers(f"joint_arrivals[{s}]", c, (K,)) for s, (c, _) in enumerate(pairs)])
+            count = np.array([floats(f"joint_arrivals[{s}]", c, (K,)) for s, (c, _) in enumerate(pairs)])
             if (count < 0).any() or (count != np.floor(count)).any():
                 s = int(((count < 0) | (count != np.floor(count))).any(axis=1).argmax())
                 raise InputError(f"joint_arrivals[{s}] = {count[s].tolist()} are not whole numbers >= 0 of requests")
-            p = _numbers("probabilities in joint_arrivals", [p for _, p in pairs], (None,))
+            p = floats("probabilities in joint_arrivals", [p for _, p in pairs], (None,))
             p = _distribution("probabilities in joint_arrivals", p)
             different, same = np.unique(count[p > 0].astype(np.int64), axis=0, return_inverse=True)
             return (Stream(different, np.asarray(np.bincount(same.ravel(), p[p > 0]), float)),)  # NumPy 2.0: (n, 1)
-        table = _numbers("arrivals", self.arrivals, None)
+        table = real("arrivals", self.arrivals)
         if table.ndim not in (1, 2) or len(table) != K:
             raise InputError(f"arrivals has shape {table.shape}; it needs ({K},) or ({K}, any), a row for each type")
         if table.ndim == 1:
@@ -247,23 +245,6 @@ class SmallModel:
         """
         check_count(count)
         return [self.draw(child).instance for child in seed_sequence(seed).spawn(count)]
-
-
-def _numbers(name: str, value: Any, shape: tuple[int | None, ...] | None) -> Floats:
-    """Return finite floats of a shape as a read-only copy, or raise an InputError; None allows any length or shape."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is not an array of numbers; give floats, rows padded to one length") from None
-    if shape is not None and (
-        array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True))
-    ):
-        wanted = ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "")
-        raise InputError(f"{name} has shape {array.shape}; it needs ({wanted}), see the SmallModel docstring")
-    if not np.isfinite(array).all():
-        place = [int(i) for i in np.argwhere(~np.isfinite(array))[0]]
-        raise InputError(f"{name}{place} is {array[tuple(place)]}; give finite numbers")
-    return _sealed(array)
 
 
 def _distribution(name: str, p: Floats) -> Floats:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import floats, ints, whole_number
+from optkit.basics.arrays import floats, ints, real, whole_number
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.newton import check_options, minimise
@@ -87,6 +87,7 @@ class FluidModel:
         arrival = ints("arrival", self.arrival, (None,))
         scales = floats("mu", self.mu, (None,))
         K, D = arrival.size, scales.size
+        outside = real("outside_utility", self.outside_utility)
         checked = {
             "horizon": T,
             "arrival": arrival,
@@ -97,7 +98,7 @@ class FluidModel:
             "count": floats("count", self.count, (K,)),
             "presence": floats("presence", self.presence, (T, D)),
             "mu": scales,
-            "outside_utility": floats("outside_utility", np.broadcast_to(self.outside_utility, (D,)), (D,)),
+            "outside_utility": floats("outside_utility", outside if outside.ndim else np.full(D, outside), (D,)),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)

@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import floats, number, whole_number
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.newton import minimise
@@ -90,35 +91,32 @@ def fit_linear_charges(
     """
     if not any(one.n_requests for one in instances):
         raise InputError("charges need instances with requests to be fitted to")
-    for name, number in (("ridge", ridge), ("max_iterations", max_iterations)):
-        if not (isinstance(number, int | float | np.number) and 0 <= number < np.inf):
-            raise InputError(f"{name} = {number!r} must be a finite number of at least 0")
+    ridge, max_iterations = number("ridge", ridge, least=0.0), whole_number("max_iterations", max_iterations, least=0)
     spots = _spread(instances, surplus_knots)
     shape = (1 if request_rate is None else 2, spots.size, len(time_knots))
-    charges = LinearCharges(np.zeros(shape), spots, np.asarray(time_knots, float), foresight, request_rate)
+    charges = LinearCharges(np.zeros(shape), spots, floats("time_knots", time_knots, (None,)), foresight, request_rate)
     from scipy.optimize import minimize
 
     mean = _MeanDual(instances, charges)
     found = minimize(
         mean.with_gradient,
         np.zeros(charges.theta.size),
-        args=(float(ridge),),
+        args=(ridge,),
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": int(max_iterations), "ftol": INNER / 10},
+        options={"maxiter": max_iterations, "ftol": INNER / 10},
     )
     return replace(charges, theta=found.x.reshape(shape))
 
 
 def _spread(instances: Sequence[Instance], surplus_knots: int | Sequence[float]) -> npt.NDArray[np.float64]:
     """Knots in money, given or spread."""
-    if not isinstance(surplus_knots, int | np.integer):
-        return np.asarray(surplus_knots, dtype=float)
-    if isinstance(surplus_knots, bool) or surplus_knots < 2:
-        raise InputError(f"surplus_knots = {surplus_knots!r} must be a whole number of at least 2, or knots")
+    if np.ndim(surplus_knots):
+        return floats("surplus_knots", surplus_knots, (None,))
+    spots = whole_number("surplus_knots", surplus_knots, least=2)
     surplus = [(one.reward - one.penalty + one.utility - one.outside_by_group[:, None]).ravel() for one in instances]
     low, high = np.quantile(np.concatenate(surplus), [0.03, 0.97])
-    return np.linspace(low, max(high, low + 1e-6), int(surplus_knots))
+    return np.linspace(low, max(high, low + 1e-6), spots)
 
 
 class _MeanDual:

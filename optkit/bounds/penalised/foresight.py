@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import floats, whole_number
 from optkit.basics.errors import InputError
 from optkit.bounds.penalised.presence import CERTAIN as CERTAIN
 from optkit.bounds.penalised.presence import LONGEST as LONGEST
@@ -65,8 +66,7 @@ class Foresight:
         object.__setattr__(self, "presence", _probabilities("presence", self.presence, by_step=True))
         object.__setattr__(self, "share", _probabilities("share", self.share))
         _adds_up("share", self.share)
-        if isinstance(self.draws, bool) or not isinstance(self.draws, int | np.integer) or self.draws < 1:
-            raise InputError(f"draws = {self.draws!r} must be a whole number of at least 1")
+        object.__setattr__(self, "draws", whole_number("draws", self.draws, least=1))
         pool = tuple(self.arrivals)
         object.__setattr__(self, "arrivals", pool)
         for i, one in enumerate(pool):
@@ -165,10 +165,7 @@ class Outlook(NamedTuple):
 
 def _probabilities(name: str, value: npt.ArrayLike, by_step: bool = False) -> Floats:
     """Return a row of numbers from 0 to 1, or a row for each step if that is allowed; or raise an InputError."""
-    try:
-        p = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is not a row of numbers; give probabilities") from None
+    p = floats(name, value, None)
     if p.ndim not in ((1, 2) if by_step else (1,)) or not p.size:
         raise InputError(f"{name} has shape {p.shape}; give a row of probabilities{', or one a step' * by_step}")
     wrong = ~((p >= 0) & (p <= 1))

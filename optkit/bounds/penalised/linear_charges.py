@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import floats, number
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.models.value.ranked_term import hats, knots
@@ -89,14 +89,10 @@ class LinearCharges:
     def __post_init__(self) -> None:
         for name in ("surplus_knots", "time_knots"):
             object.__setattr__(self, name, knots(name, getattr(self, name)))
-        rate = self.request_rate
-        if rate is not None and not 0 <= rate < np.inf:
-            raise InputError(f"request_rate = {rate!r} is no mean number of requests: give a finite number >= 0")
-        theta = np.array(self.theta, dtype=float)
-        shape = (1 if rate is None else 2, self.surplus_knots.size, self.time_knots.size)
-        if theta.shape != shape or not np.isfinite(theta).all():
-            raise InputError(f"theta has shape {theta.shape}: give finite coefficients of shape {shape}")
-        object.__setattr__(self, "theta", theta)
+        if self.request_rate is not None:
+            object.__setattr__(self, "request_rate", number("request_rate", self.request_rate, least=0.0))
+        shape = (1 if self.request_rate is None else 2, self.surplus_knots.size, self.time_knots.size)
+        object.__setattr__(self, "theta", floats("theta", self.theta, shape))
 
     def basis(self, instance: Instance) -> ChargeBasis:
         """Charges per unit of each coefficient, in the order of ``theta.ravel()``; the noise is not looked at.

@@ -73,7 +73,7 @@ class PenalizedCertificate:
         """
         if _silent(instance) != _silent(self.charges.instance):
             raise InputError("these charges were made for another instance")
-        multipliers = checked_multipliers(np.asarray(self.multipliers, float), instance.n_requests)
+        multipliers = checked_multipliers(self.multipliers, instance.n_requests)
         program = penalized_program(instance, self.tracked, multipliers)
         charges = KeptCharges.of(self.charges)
         bound, attained = program.check(list(self.tables), charges)

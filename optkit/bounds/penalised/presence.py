@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import floats, whole_number
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats
 
@@ -68,15 +69,14 @@ def fifo_presence(rate: npt.ArrayLike, longest: int | None = None) -> Floats:
     rates = checked_rates(rate)
     if longest is None:
         longest = max(LONGEST, rates.size) if rates.ndim == 0 else rates.size - 1
-    if isinstance(longest, bool) or not isinstance(longest, int | np.integer) or longest < 0:
-        raise InputError(f"longest = {longest!r}: a rate makes a table up to a whole number of steps, at least 0")
+    longest = whole_number("longest", longest, least=0)
     if rates.ndim == 0:
         if rates > CERTAIN:
             return np.ones(longest + 1)
         return np.asarray(_after_busy_steps(np.full((1, longest + 1), float(rates)))[0])
     if rates.size > LARGEST:
         raise InputError(f"rates change over {rates.size} steps, more than {LARGEST}: take longer steps, or one rate")
-    T, most = rates.size, min(int(longest), rates.size - 1)
+    T, most = rates.size, min(longest, rates.size - 1)
     if (rates == rates[0]).all():
         return np.array(np.broadcast_to(fifo_presence(rates[0], longest), (T, longest + 1)))
     # Row s: what a queue that is empty before step s meets; beyond the day whatever, for nobody looks.
@@ -115,17 +115,11 @@ def presence_at(rate: npt.ArrayLike, horizon: int | None = None) -> Floats:
 
 def checked_rates(rate: npt.ArrayLike) -> Floats:
     """Return a rate, or one for each step, or raise an InputError that names the first that is none."""
-    try:
-        rates = np.array(rate, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"rate = {rate!r} is no number: give workers a step, one number or one for each step"
-        ) from None
+    rates = floats("rate", rate, None)
     if rates.ndim > 1 or not rates.size:
         raise InputError(f"rate has shape {rates.shape}: give one number, or one for each step of the day")
-    wrong = ~((rates >= 0) & (rates < np.inf))
-    if wrong.any():
-        i = int(wrong.argmax())
+    if (rates < 0).any():
+        i = int((rates < 0).argmax())
         place = f"rate[{i}]" if rates.ndim else "rate"
         raise InputError(f"{place} = {rates.ravel()[i]:g} must be a finite number of at least 0: workers a step")
     return rates

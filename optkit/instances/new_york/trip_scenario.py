@@ -6,11 +6,11 @@ Paper section 4.2 (New York Taxi data) and Table 1; ``docs/explanation/scenarios
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
+from optkit.basics.arrays import number, whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, check_count, seed_sequence, stream
 from optkit.instances.instance import Instance
@@ -163,9 +163,8 @@ def check_selection(mode: Any, fraction: Any) -> None:
     """
     if not isinstance(mode, str) or mode not in MODES:
         raise InputError(f"no mode {mode!r}; there are {', '.join(MODES)}")
-    number = isinstance(fraction, Real) and not isinstance(fraction, bool)
-    if fraction is not None and not (number and 0 < fraction <= 1):
-        raise InputError(f"fraction = {fraction!r} must be above 0 and at most 1: it is the share of trips kept")
+    if fraction is not None:
+        number("fraction", fraction, above=0.0, most=1.0)
 
 
 def trip_scenario(
@@ -227,8 +226,7 @@ def trip_scenario(
     key = str(name).lower().replace("_", "-")
     if key not in TABLE_1 or not key.startswith("nyc"):
         raise InputError(f"no scenario {name!r} with trips; there are nyc-weak and nyc-strong")
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"the world's seed {seed!r} is not a whole number >= 0")
+    seed = whole_number("the world's seed", seed, least=0)
     check_selection(mode, fraction)
     chosen = adjust(TABLE_1[key], settings)
     if (chosen.pickups, chosen.dropoffs) != (len(REGIONS), len(REGIONS)):
@@ -240,9 +238,9 @@ def trip_scenario(
         fraction = min(1.0, chosen.request_rate * chosen.horizon / mean) if mode == "folded" else PAPER_FRACTION
     return TripScenario(
         name=key,
-        seed=int(seed),
+        seed=seed,
         settings=chosen,
-        world=World.draw(chosen, world_generator(int(seed))),
+        world=World.draw(chosen, world_generator(seed)),
         mode=mode,
         fraction=float(fraction),
         episodes=tuple(episodes),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optkit.basics.arrays import Floats, Ints, count, floats, ints, open_table
-from optkit.basics.errors import DataError, InputError, InstanceError, OptkitError
+from optkit.basics.errors import DataError, InputError, OptkitError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,13 +78,12 @@ class Offers:
             m = count("situation", self.situation)
             for name in _WHOLE:
                 object.__setattr__(self, name, ints(name, getattr(self, name), (m,)))
-            chosen = np.asarray(self.chosen)
-            chosen = chosen.astype(int) if chosen.dtype == bool else chosen
+            chosen = floats("chosen", self.chosen, (m,), flags=True)
             object.__setattr__(self, "chosen", ints("chosen", chosen, (m,)))
-            object.__setattr__(self, "features", floats("features", self.features, (m, None)))
+            object.__setattr__(self, "features", floats("features", self.features, (m, None), flags=True))
             object.__setattr__(self, "compensation", floats("compensation", self.compensation, (m,)))
-        except InstanceError as error:
-            raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
+        except InputError as error:
+            raise DataError(f"offers: {error}") from None
         names = self.names or tuple(f"feature_{f}" for f in range(self.features.shape[1]))
         if len(names) != self.features.shape[1]:
             raise DataError(f"offers: {len(names)} names for {self.features.shape[1]} features")
@@ -205,9 +204,9 @@ class Offers:
         matrix = np.empty((len(frame), len(chosen)))
         for f, name in enumerate(chosen):
             try:
-                matrix[:, f] = floats(str(name), frame[name].to_numpy(), (len(frame),))
-            except InstanceError as error:
-                raise DataError(f"offers: {str(error).replace(', see the Instance docstring', '')}") from None
+                matrix[:, f] = floats(str(name), frame[name].to_numpy(), (len(frame),), flags=True)
+            except InputError as error:
+                raise DataError(f"offers: {error}") from None
         labels = frame["situation"].tolist()
         _check_labels(labels, frame["situation"].isna().to_numpy())
         return cls._labelled(labels, features=matrix, names=tuple(map(str, chosen)), **columns)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, real
 from optkit.basics.errors import InputError
 from optkit.models.preferences.attributes import Attributes
 
@@ -126,8 +126,8 @@ class Preferences:
         try:
             columns = dict(plain["attributes"])
             attributes = Attributes(tuple(columns.pop("names")), **columns)
-            weights, scale = (np.asarray(plain[name], dtype=float) for name in ("weights", "scale"))
-            covariance = tuple(np.asarray(one, dtype=float) for one in plain["covariance"])
+            weights, scale = (real(name, plain[name]) for name in ("weights", "scale"))
+            covariance = tuple(real("covariance", one, accept="any") for one in plain["covariance"])
             return cls(attributes, weights, scale, covariance, bool(plain["pooled"]))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"preferences cannot be read: {error}") from None

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
-from optkit.models.decision import Bools, Decisions, Floats, per_request
+from optkit.models.decision import Bools, Decisions, Floats
 from optkit.models.pricing import closed_form
 
 
@@ -119,16 +119,15 @@ def certify(
             f"nonnegative = {nonnegative!r}: a certificate is for c >= 0 (True) or for either sign (False)"
         )
     d = Decisions.of(value, utility, mu, outside_utility, offered)
-    # A price is worth what it adds to the utility: as a "value" it makes the advantage the worker's log-odds.
-    at_price = Decisions.of(per_request("compensation", compensation), utility, mu, outside_utility, offered)
-    if at_price.shape != d.shape or at_price.advantage.shape != d.advantage.shape:
+    seen = Decisions.at_prices(compensation, utility, mu, outside_utility, offered)
+    if seen.shape != d.shape or seen.log_odds.shape != d.advantage.shape:
         raise InputError(
             f"compensation has shape {np.shape(compensation)}; the decisions are {(*d.shape, d.value.shape[1])}"
         )
-    c = at_price.value
+    c = seen.compensation
     shown = np.ones(c.shape, bool) if d.offered is None else d.offered
     margin = d.value - c
-    acceptance, _ = softmax_with_outside(at_price.advantage)
+    acceptance, _ = softmax_with_outside(seen.log_odds)
     profit = (acceptance * np.where(shown, margin, 0.0)).sum(axis=1, keepdims=True)
     gradient = acceptance * ((margin - profit) / d.mu - 1.0)
     if nonnegative:

@@ -116,10 +116,10 @@ def optimal_prices(
     if found.held is not None or nonnegative == "clip":
         compensation = np.maximum(compensation, 0.0)
     if nonnegative == "clip":
-        logit = Decisions.of(
+        seen = Decisions.at_prices(
             compensation.reshape(*d.shape, d.value.shape[1]), utility, mu, outside_utility, offered
-        ).advantage
-        acceptance, rejection = softmax_with_outside(logit)
+        )
+        acceptance, rejection = softmax_with_outside(seen.log_odds)
         profit = (acceptance * (d.value - compensation)).sum(axis=1, keepdims=True)
     if d.offered is not None:
         compensation = np.where(d.offered, compensation, 0.0)

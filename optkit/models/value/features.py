@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optkit.basics.arrays import real
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats
 from optkit.models.value.ranked_term import hats, is_group, knots
@@ -90,14 +91,12 @@ class KernelFeatures:
 
     def __post_init__(self) -> None:
         for name in ("center", "scale", "landmarks"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+            object.__setattr__(self, name, real(name, getattr(self, name)))
         width = self.center.size
         if self.landmarks.ndim != 2 or self.landmarks.shape[1] != width or self.scale.shape != (width,):
             raise InputError(f"landmarks {self.landmarks.shape}, scale {self.scale.shape} and center ({width},) differ")
         if not (0 < self.gamma < np.inf and (self.scale > 0).all()):
             raise InputError(f"gamma = {self.gamma} and every scale must be positive")
-        if not all(np.isfinite(x).all() for x in (self.center, self.scale, self.landmarks)):
-            raise InputError("center, scale and landmarks must be finite numbers")
         # Other threads, other digits: one, as in training, so that a file prices as the trained policy did.
         with _ONE_AT_A_TIME, threadpool_limits(limits=1):
             values, vectors = np.linalg.eigh(self._kernel(self.landmarks))

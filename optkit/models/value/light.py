@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from sklearn.cluster import KMeans
 
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import whole_number
 from optkit.models.value.features import HatFeatures, KernelFeatures, coordinates, surplus_knots
 from optkit.models.value.linear_in_terms import LinearInTerms, SetExperience, Term
 from optkit.models.value.ranked_term import RankedTerm, knots
@@ -82,15 +82,14 @@ class LinearValue(LinearInTerms):
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
         if self.terms is not None:
             return list(self.terms)
-        if not (isinstance(self.surplus_knots, int | np.integer) and self.surplus_knots >= 2):
-            raise InputError(f"surplus_knots = {self.surplus_knots!r} must be a whole number of at least 2")
+        spots = whole_number("surplus_knots", self.surplus_knots, least=2)
         requests = experience.requests
         time, rank = knots("time_knots", self.time_knots), knots("rank_knots", self.rank_knots)
         busy = None if self.busy_knots is None else knots("busy_knots", self.busy_knots)
         known = _known(requests)
 
         def hat(group: int | None) -> HatFeatures:
-            return HatFeatures(group, surplus_knots(requests, self.surplus_knots, group, known), time)
+            return HatFeatures(group, surplus_knots(requests, spots, group, known), time)
 
         if not self.by_group:
             return [RankedTerm(hat(None), "surplus", rank, busy)]
@@ -153,8 +152,7 @@ class KernelValue(LinearInTerms):
         self.seed = seed
 
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
-        if not (isinstance(self.landmarks, int | np.integer) and self.landmarks >= 1):
-            raise InputError(f"landmarks = {self.landmarks!r} must be a whole number of at least 1")
+        landmarks = whole_number("landmarks", self.landmarks, least=1)
         seen = [s for step in range(experience.horizon - 1) if (s := experience.sets(step)) is not None]
         groups = experience.requests.surplus.shape[1]
         points = np.concatenate([np.zeros((0, groups + 1)), *(coordinates(s)[s.member] for s in seen)])
@@ -165,7 +163,7 @@ class KernelValue(LinearInTerms):
         points = points[rng.permutation(len(points))[:5000]]
         center, scale = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-6)
         standard = (points - center) / scale
-        count = min(self.landmarks, len(np.unique(standard, axis=0)))
+        count = min(landmarks, len(np.unique(standard, axis=0)))
         means = KMeans(count, n_init=1, random_state=self.seed).fit(standard).cluster_centers_
         rank = knots("rank_knots", self.rank_knots)
         busy = None if self.busy_knots is None else knots("busy_knots", self.busy_knots)

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator
 
+from optkit.basics.arrays import number
 from optkit.basics.errors import InputError, TrainingError
 from optkit.instances.instance import Floats, Ints
 from optkit.models.value.ranked_term import RankedTerm
@@ -108,10 +109,8 @@ class LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
         TrainingError
             If the opportunity costs explode. The estimator then is as it was before.
         """
-        if not (isinstance(self.ridge, int | float | np.number) and 0 <= self.ridge < np.inf):
-            raise InputError(f"ridge = {self.ridge!r} must be a finite number of at least 0")
-        if not (isinstance(self.memory, int | float | np.number) and 0 <= self.memory <= 1):
-            raise InputError(f"memory = {self.memory!r} must be a number from 0 to 1")
+        number("ridge", self.ridge, least=0.0)
+        number("memory", self.memory, least=0.0, most=1.0)
         before = dict(self.__dict__)
         try:
             self.terms_ = self._make_terms(experience)

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, floats
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats, Ints
 from optkit.models.value.request_sets import RequestSets
@@ -199,11 +199,8 @@ def is_group(number: Any) -> bool:
 
 def knots(name: str, x: npt.ArrayLike) -> Floats:
     """Return knots as an array; InputError unless they are at least two increasing numbers."""
-    try:
-        array = np.asarray(x, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {x!r} must be at least two increasing numbers") from None
-    if array.ndim != 1 or array.size < 2 or not (np.diff(array) > 0).all() or not np.isfinite(array).all():
+    array = floats(name, x, (None,))
+    if array.size < 2 or not (np.diff(array) > 0).all():
         raise InputError(f"{name} must be at least two increasing numbers; got {array.tolist()}")
     return array
 

@@ -171,8 +171,8 @@ def test_states_may_be_asked_for_in_parts(random_instance, monkeypatch):
         (lambda open_: np.full(open_.shape, np.inf), "offers inf"),
         (lambda open_: np.zeros(open_.shape[0]), "returned shape"),
         (lambda open_: 5.0, r"returned shape \(\)"),
-        (lambda open_: "much", "not an array of numbers"),
-        (lambda open_: [[1.0], [1.0, 2.0]], "not an array of numbers"),
+        (lambda open_: "much", "the policy returned at step .* holds text"),
+        (lambda open_: [[1.0], [1.0, 2.0]], "the policy returned at step .* is ragged"),
     ],
 )
 def test_bad_policies_are_refused_in_one_line(random_instance, bad, message):

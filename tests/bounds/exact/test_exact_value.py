@@ -404,7 +404,7 @@ def test_the_limit_is_passed_on():
         ((4, [0, 0], [1, 1]), "can wait after step 4: 2 of type 0 with 1 left"),
         ((4, [0] * 300, [1] * 300), "300 of type 0"),
         ((4, [0], [1], None, 1), r"queue has lengths outside 0..0"),
-        ((4, [0.5], [1]), "whole numbers"),
+        ((4, [0.5], [1]), r"request_type\[0\] = 0.5 is not a whole number"),
         ((4, [0, 1], [1, 1, 1]), "do not fit"),
         ((4, 0, 1), "do not fit"),
         ((4, [[0], [0]], [1], None, [0, 0, 0]), "do not fit"),

@@ -141,8 +141,8 @@ def test_one_step_after_which_nothing_can_wait():
     ("change", "message"),
     [
         ({"theta": np.zeros((2, 3, 2))}, "theta has shape"),
-        ({"theta": np.full((2, 2, 3), np.nan)}, "finite coefficients"),
-        ({"request_rate": None}, r"of shape \(1, 2, 3\)"),
+        ({"theta": np.full((2, 2, 3), np.nan)}, r"theta\[0, 0, 0\] is nan, not a finite number"),
+        ({"request_rate": None}, r"it needs \(1, 2, 3\)"),
         ({"request_rate": -1.0}, "request_rate = -1.0"),
         ({"request_rate": np.nan}, "request_rate = nan"),
         ({"surplus_knots": [40.0, 10.0]}, "surplus_knots"),

@@ -339,11 +339,12 @@ def test_any_scale_gives_probabilities_and_prices_that_certify_without_a_warning
     [
         ({"value": [1.0, np.nan]}, r"value\[1\] is nan"),
         ({"value": [[1.0, 2.0], [3.0, np.inf]]}, r"value\[1, 1\] is inf"),
-        ({"utility": [-np.inf, 0.0]}, r"utility\[0\] is -inf"),
+        ({"utility": [np.inf, 0.0]}, r"utility\[0\] is inf"),
+        ({"value": [-np.inf, 0.0]}, r"value\[0\] is -inf"),
         ({"mu": 0.0}, "mu = 0.0 is not positive"),
         ({"mu": [1.0, -2.0]}, "mu = -2.0 is not positive"),
         ({"mu": np.nan}, "mu is nan"),
-        ({"mu": "one"}, "mu is not an array of numbers"),
+        ({"mu": "one"}, "mu holds text"),
         ({"outside_utility": np.nan}, "outside_utility is nan"),
         ({"value": 3.0}, "value is a single number"),
         ({"utility": 3.0}, "utility is a single number"),
@@ -353,7 +354,7 @@ def test_any_scale_gives_probabilities_and_prices_that_certify_without_a_warning
         ({"offered": True}, "offered is a single number"),
         ({"nonnegative": "round"}, "nonnegative = 'round' is unknown"),
         ({"nonnegative": None}, "nonnegative = None is unknown"),
-        ({"value": [[1.0, 2.0], [3.0]]}, "value is not an array of numbers"),
+        ({"value": [[1.0, 2.0], [3.0]]}, "value is ragged"),
     ],
 )
 def test_bad_input_is_named_in_one_line(change, words):

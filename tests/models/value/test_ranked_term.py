@@ -201,9 +201,9 @@ def test_hats_are_one_at_their_knots():
 @pytest.mark.parametrize("rank_knots", [[0.0], [4.0, 1.0], [0.0, 0.0, 1.0], [0.0, np.nan], [[0.0, 1.0]], [0.0, np.inf]])
 def test_knots_increase(rank_knots):
     """Knots are at least two finite numbers, each larger than the one before."""
-    with pytest.raises(InputError, match="rank_knots must be at least two increasing numbers"):
+    with pytest.raises(InputError, match=r"rank_knots.* (must be at least two increasing|finite|has shape)"):
         RankedTerm(HatFeatures(None, SURPLUS, TIME), "surplus", rank_knots)
-    with pytest.raises(InputError, match="busy_knots must be at least two increasing numbers"):
+    with pytest.raises(InputError, match=r"busy_knots.* (must be at least two increasing|finite|has shape)"):
         RankedTerm(HatFeatures(None, SURPLUS, TIME), "surplus", RANK, rank_knots)
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
+from optkit.basics.arrays import is_finite, number, whole_number
 from optkit.basics.errors import InputError
 
 
@@ -74,17 +73,14 @@ class AttentionSettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "deviations", tuple(self.deviations))
         for name in ("sweeps", "passes", "refresh", "batch", "instances", "decay_steps"):
-            number = getattr(self, name)
-            if number is None and name in ("instances", "decay_steps"):
+            given = getattr(self, name)
+            if given is None and name in ("instances", "decay_steps"):
                 continue
-            if isinstance(number, bool) or not isinstance(number, int) or number < 1:
-                raise InputError(f"{name} = {number!r} is not a whole number of at least 1")
+            object.__setattr__(self, name, whole_number(name, given, least=1))
         for name in ("learning_rate", "decay_rate", "clip"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError(f"{name} = {getattr(self, name)!r} is not a positive number")
-        if not 0 <= self.discount <= 1:
-            raise InputError(f"discount = {self.discount!r} is not in [0, 1]")
-        if not self.deviations or not all(0 <= deviation < np.inf for deviation in self.deviations):
+            number(name, getattr(self, name), above=0.0)
+        number("discount", self.discount, least=0.0, most=1.0)
+        if not self.deviations or not all(is_finite(deviation) and deviation >= 0 for deviation in self.deviations):
             raise InputError(f"deviations = {self.deviations} must be numbers of at least 0, in money, one per round")
         for name, known in (("target", ("difference", "level")), ("loss", ("squared", "huber"))):
             if getattr(self, name) not in known:

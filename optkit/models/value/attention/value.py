@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator
 
+from optkit.basics.arrays import floats, whole_number
 from optkit.basics.errors import InputError, MissingExtraError
 from optkit.instances.instance import Floats
 from optkit.models.value.attention.settings import LEVELS, PRINTED, TUNED, AttentionSettings
@@ -63,10 +64,8 @@ class AttentionValue(BaseEstimator):  # type: ignore[misc]
 
     def __init__(self, settings: AttentionSettings = TUNED, seed: int = 0) -> None:
         _require_torch()
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-            raise InputError(f"seed {seed!r} is not a whole number >= 0")
         self.settings = settings
-        self.seed = seed
+        self.seed = whole_number("seed", seed, least=0)
         self._training: AttentionTraining | None = None
         self._fitted: FrozenAttention | None = None
 
@@ -222,16 +221,7 @@ def _checked(arrays: Mapping[str, npt.ArrayLike], shapes: Mapping[str, tuple[int
         if name not in arrays or name not in shapes:
             fault = "is missing" if name in shapes else "is unknown"
             raise InputError(f"array {name!r} of an attention value {fault}; give what to_arrays() gave")
-    try:
-        given = {name: np.asarray(array, dtype=float) for name, array in arrays.items()}
-    except (TypeError, ValueError):
-        raise InputError("the arrays of an attention value must be numbers; give what to_arrays() gave") from None
-    for name, shape in shapes.items():
-        if given[name].shape != shape:
-            raise InputError(f"array {name!r} of an attention value has shape {given[name].shape}; it needs {shape}")
-        if not np.isfinite(given[name]).all():
-            raise InputError(f"array {name!r} of an attention value holds NaN or infinity; train it again")
-    return given
+    return {name: floats(f"array {name!r} of an attention value", arrays[name], shapes[name]) for name in shapes}
 
 
 def _require_torch() -> None:
