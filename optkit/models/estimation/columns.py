@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NoReturn
 
 import numpy as np
 from scipy.linalg import qr
@@ -10,7 +11,7 @@ from scipy.linalg import qr
 from optkit.basics.errors import DataError
 from optkit.models.decision import Bools, Floats
 from optkit.models.estimation.likelihood import Likelihood
-from optkit.models.estimation.separation import TOLERANCE, separating_direction
+from optkit.models.estimation.separation import separating_direction, supporters
 
 CONSTANT = 1e-12
 """A column whose differences are below this share of its level never varies."""
@@ -38,7 +39,7 @@ def column_scale(likelihood: Likelihood) -> tuple[Floats, Floats]:
 
     Shapes (k,) and (k, k), in the columns' units; a column that never varies has 0.
     """
-    _, information = likelihood.slopes(likelihood.equal_shares())
+    information = likelihood.slopes(*likelihood.equal_shares()).information
     covariance = information / likelihood.total
     scale = np.sqrt(np.diag(covariance))
     return np.where(scale <= CONSTANT * likelihood.level, 0.0, scale), covariance
@@ -110,12 +111,25 @@ def refuse_separation(
             f"along {along}; observe offers of which some are rejected and some are not, {remedy}",
             direction,
         )
-    margin = likelihood.sets.max(-(likelihood.rivals @ direction))
-    decided = int((margin > TOLERANCE * margin.max()).sum())
+    decided = int(supporters(likelihood, direction).sum())
     raise NotIdentifiedError(
         f"the choices are separated: the likelihood rises for ever along {along}, which explains "
         f"{decided} of {len(likelihood.sets)} choices and contradicts none; leave a column out, get more data, "
         f"{remedy}",
+        direction,
+    )
+
+
+def refuse_flatness(information: Floats, names: Sequence[str], scale: Floats) -> NoReturn:
+    """Raise NotIdentifiedError: there is no telling a maximum from a likelihood that rises for ever.
+
+    ``information`` is scaled by ``scale`` to columns of unit deviation.
+    """
+    direction = np.linalg.eigh(information)[1][:, 0] / scale
+    direction /= direction[np.abs(direction).argmax()]
+    raise NotIdentifiedError(
+        f"the choices say nothing about {combination(direction, names, 0.01)} that exceeds rounding: the likelihood is "
+        "flat along it; leave a column out, get more data, or give penalty=",
         direction,
     )
 

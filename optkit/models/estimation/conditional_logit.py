@@ -12,6 +12,7 @@ import pandas as pd
 from statsmodels.base.model import LikelihoodModel
 from threadpoolctl import ThreadpoolController
 
+from optkit.basics.arrays import is_finite, whole_number
 from optkit.basics.errors import InputError
 from optkit.models.decision import Floats
 from optkit.models.estimation.choices import (
@@ -246,7 +247,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
 
     def score(self, params: npt.ArrayLike) -> Floats:
         """Return the gradient of ``loglike``, (k,)."""
-        return self.likelihood.slopes(self.likelihood.at(np.asarray(params, dtype=float))[0])[0]
+        return self.likelihood.slopes(*self.likelihood.at(np.asarray(params, dtype=float))).gradient
 
     def score_obs(self, params: npt.ArrayLike) -> Floats:
         """Return the gradient of each informative situation, weights not counted, (S, k)."""
@@ -254,7 +255,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
 
     def information(self, params: npt.ArrayLike) -> Floats:
         """Return the Fisher information, (k, k); observed and expected are the same."""
-        return self.likelihood.slopes(self.likelihood.at(np.asarray(params, dtype=float))[0])[1]
+        return self.likelihood.slopes(*self.likelihood.at(np.asarray(params, dtype=float))).information
 
     def hessian(self, params: npt.ArrayLike) -> Floats:
         """Return the second derivatives of ``loglike``, (k, k)."""
@@ -337,6 +338,10 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         """
         if cov_type not in ("nonrobust", "HC0", "robust"):
             raise InputError(f"cov_type = {cov_type!r} is unknown; it is 'nonrobust', 'HC0' or 'robust'")
+        if whole_number("maxiter", maxiter) < 0:
+            raise InputError(f"maxiter = {maxiter} is negative; give the largest number of Newton steps")
+        if not (is_finite(tol) and tol >= 0):
+            raise InputError(f"tol = {tol} is not a number of at least 0; give a distance in standard errors")
         k, likelihood = self.k_params, self.likelihood
         start = np.zeros(k) if start_params is None else np.asarray(start_params, dtype=float)
         if start.shape != (k,) or not np.isfinite(start).all():

@@ -106,13 +106,13 @@ def identification(fitted: Any) -> IdentificationReport:
     model = getattr(fitted, "model", fitted)
     likelihood, names = model.likelihood, list(model.exog_names)
     problem: NotIdentifiedError | None = None
-    share = likelihood.equal_shares()
+    share, terms = likelihood.equal_shares()
     free = np.ones(len(names), bool)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             results = model.fit() if fitted is model else fitted
-            share, _ = likelihood.at(np.asarray(results.params))
+            share, terms = likelihood.at(np.asarray(results.params))
             if model.penalties.any():
                 scale = check_columns(likelihood, names, free)
                 refuse_separation(likelihood, names, scale, free, model.rejections)
@@ -120,7 +120,7 @@ def identification(fitted: Any) -> IdentificationReport:
             problem = caught
     scale, _ = column_scale(likelihood)
     unit = np.where(scale > 0, scale, 1.0)
-    eigenvalues, vectors = np.linalg.eigh(likelihood.slopes(share)[1] / np.outer(unit, unit))
+    eigenvalues, vectors = np.linalg.eigh(likelihood.slopes(share, terms).information / np.outer(unit, unit))
     eigenvalues = np.maximum(eigenvalues, 0.0)
     weakest = vectors[:, 0] if problem is None else problem.direction * unit
     weakest = weakest / np.linalg.norm(weakest) * (np.sign(weakest[np.abs(weakest).argmax()]) or 1.0)

@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf
 
 from optkit.models.decision import Bools, Floats
 from optkit.models.estimation.choice_sets import ChoiceSets
 from optkit.models.estimation.choices import ChoiceData
+
+RESOLVED = 1e-6
+"""Smallest eigenvalue, relative to the terms of the sum, to which the fast form of the information is trusted."""
+
+
+class Slopes(NamedTuple):
+    """Derivatives of the log-likelihood.
+
+    ``gradient`` (k,); ``information`` (k, k), the negative Hessian; ``moment`` (k,), the sum of weight * share *
+    rival**2, against which the rounding of the gradient is measured.
+    """
+
+    gradient: Floats
+    information: Floats
+    moment: Floats
 
 
 @dataclass(frozen=True)
@@ -102,10 +119,10 @@ class Likelihood:
         share, inclusive = self.sets.shares(index, outside=True)
         return share, -inclusive
 
-    def equal_shares(self) -> Floats:
-        """Return the probability of every rival when all coefficients are 0 and there is no offset, (p,)."""
+    def equal_shares(self) -> tuple[Floats, Floats]:
+        """Return what :meth:`at` does when all coefficients are 0 and there is no offset."""
         share = np.reciprocal((1 + self.sets.sizes).astype(np.float64))
-        return share[self.sets.situation]
+        return share[self.sets.situation], np.log(share)
 
     def weigh(self, x: Floats) -> float:
         """Sum over the situations, weights counted."""
@@ -115,20 +132,38 @@ class Likelihood:
         """Return the log-likelihood."""
         return self.weigh(self.at(params)[1])
 
-    def slopes(self, share: Floats) -> tuple[Floats, Floats]:
-        """Return gradient, (k,), and Fisher information, (k, k), where the rivals have these probabilities."""
+    def slopes(self, share: Floats, terms: Floats) -> Slopes:
+        """Return the derivatives where :meth:`at` gave these probabilities and log-likelihoods."""
         rivals, weights = self.rivals, self.weights
         if weights is not None:
             share = share * weights[self.sets.situation]
         pulled = share[:, None] * rivals
         mean = self.sets.sum(pulled)
         spread = mean if weights is None else mean / weights[:, None]
-        information = rivals.T @ pulled - mean.T @ spread
-        return -mean.sum(axis=0), (information + information.T) / 2
+        second = rivals.T @ pulled
+        moment = np.diag(second).copy()
+        information = second - mean.T @ spread
+        if not _resolved(information, moment):
+            # Nothing cancels about the mean: a rival that is all but certain, or columns far from 0, cost no digits.
+            deviation = rivals - spread.take(self.sets.situation, axis=0)
+            stay = np.exp(terms) if weights is None else np.exp(terms) * weights
+            information = deviation.T @ (share[:, None] * deviation) + spread.T @ (stay[:, None] * spread)
+        return Slopes(-mean.sum(axis=0), (information + information.T) / 2, moment)
 
     def scores(self, share: Floats) -> Floats:
         """Return the gradient of each situation's log-likelihood, (S, k), weights not counted."""
         return -self.sets.sum(share[:, None] * self.rivals)
+
+
+def _resolved(information: Floats, moment: Floats) -> bool:
+    """Whether a difference of second moments has kept its digits in every direction."""
+    root = np.sqrt(moment)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = information / root / root[:, None]
+    scaled.flat[:: len(root) + 1] -= RESOLVED
+    # It has a Cholesky factor if every eigenvalue is positive; faster than to compute them. NaN has one of NaN.
+    factor, failed = dpotrf(scaled)
+    return bool(not failed and np.isfinite(factor[-1, -1]))
 
 
 def _seen(data: ChoiceData) -> Bools:

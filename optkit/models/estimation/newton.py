@@ -1,20 +1,32 @@
-"""Newton's method for a concave log-likelihood, penalised or not."""
+"""Newton's method for a concave log-likelihood, penalised or not, that proves its maximum."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from optkit.models.decision import Floats
-from optkit.models.estimation.likelihood import Likelihood
+from optkit.models.estimation.likelihood import Likelihood, Slopes
+
+PROVEN = 0.25
+"""Newton decrement times reach below which there is a maximum; 1/2 would do but for rounding."""
+
+SETTLED = 1e-6
+"""Newton decrement times reach, the log-odds that the next step may still move, at which the search may end."""
 
 RUNAWAY = 1e-5
-"""Standard errors: an improvement below this, from a step that does not shrink, is a climb without a summit."""
+"""Standard errors: closer to a summit than this without proof that there is one is a climb without a summit."""
 
-SMALL_STEP = 1e-4
-"""A step is small if it moves every coefficient by less than this, relative to the largest."""
+FLOOR = 1e-4
+"""Standard errors: a decrement below this that no longer falls is as small as rounding lets it be."""
+
+REGULAR = 1e-11
+"""Smallest eigenvalue of the curvature, scaled to a unit diagonal, that is not rounding."""
+
+LOST = 1e-9
+"""Share of a Newton step below which the curvature has nothing to do with the objective."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +37,8 @@ class Optimum:
     ----------
     params : (k,) float
         Coefficients.
-    value : float
-        Log-likelihood, without the penalty.
+    value, null : float
+        Log-likelihood there and at coefficients of 0, without the penalty.
     share : (p,) float
         Probability of every rival at ``params``.
     information : (k, k) float
@@ -36,19 +48,28 @@ class Optimum:
     iterations : int
         Newton steps taken.
     converged : bool
-        Whether the decrement met the tolerance with a step that was small.
-    runaway : bool
-        Whether the objective flattened while the steps did not: the likelihood may have no maximum.
+        Whether there is a maximum, by proof, and it is within the tolerance.
+    proven : bool
+        Whether the derivatives at ``params`` prove that there is a maximum.
+    lost : bool
+        Whether no step along Newton's direction helped, because the curvature is that of a flat spot.
     """
 
     params: Floats
     value: float
+    null: float
     share: Floats
     information: Floats
     decrement: float
     iterations: int
     converged: bool
-    runaway: bool
+    proven: bool
+    lost: bool
+
+    @property
+    def flat(self) -> bool:
+        """Whether the likelihood is flat although no maximum is proven: there may be none."""
+        return not self.proven and self.decrement <= RUNAWAY
 
 
 def maximise(
@@ -61,7 +82,7 @@ def maximise(
     max_iterations: int = 100,
     watch: bool = True,
 ) -> Optimum:
-    """Maximise ``log-likelihood - sum(penalty * params**2) / 2``.
+    r"""Maximise ``log-likelihood - sum(penalty * params**2) / 2``.
 
     Parameters
     ----------
@@ -82,40 +103,111 @@ def maximise(
     -------
     Optimum
         Also if it did not converge; its flags say so.
-    """
 
+    Notes
+    -----
+    A flat likelihood is no sign of a maximum: where choices are separated it flattens for ever. What proves one is
+    :math:`2 \lambda D < 1`, with the Newton decrement :math:`\lambda` and the reach :math:`D`, the largest
+    :math:`\sqrt{d^\top A^{-1} d}` over the differences d between a rival and its choice. Along any direction h the
+    third derivative is at most :math:`2 D \|h\|_A` times the second (a third central moment is at most the range times
+    the variance), so the slope turns before it could run away (F. Bach (2010), "Self-concordant analysis for logistic
+    regression", Electronic Journal of Statistics 4). Separated choices have :math:`\lambda D \ge 1` everywhere.
+
+    Where an offset makes every choice all but certain there is no curvature to follow. Then the search starts anew
+    from a small share of the offset, and follows the maximum as the share grows to 1.
+    """
+    found = _climb(likelihood, penalty, start, scale, tolerance, max_iterations, watch)
+    if not found.lost:
+        return found
+    params, offset = np.zeros_like(start), likelihood.offset
+    share = 1.0 if offset is None else min(1.0, 1.0 / float(np.abs(offset).max()))
+    while offset is not None and share < 1.0:
+        # With coefficients and offset both scaled by the share, the penalty weighs as if divided by it.
+        part = replace(likelihood, offset=offset * share)
+        near = _climb(part, penalty / share, params * share, scale, 1e-3, max_iterations, True)
+        params = near.params / share
+        share = min(1.0, 4.0 * share)
+    return _climb(likelihood, penalty, params, scale, tolerance, max_iterations, watch)
+
+
+def _climb(
+    likelihood: Likelihood,
+    penalty: Floats,
+    start: Floats,
+    scale: Floats,
+    tolerance: float,
+    max_iterations: int,
+    watch: bool,
+) -> Optimum:
     def objective_at(params: Floats) -> tuple[float, Floats, Floats]:
         share, terms = likelihood.at(params)
-        return likelihood.weigh(terms) - 0.5 * float(penalty @ params**2), share, terms
+        objective = likelihood.weigh(terms) - 0.5 * float(penalty @ params**2)
+        return objective if np.isfinite(objective) else -np.inf, share, terms
 
-    params = start
+    params = np.zeros_like(start)
     objective, share, terms = objective_at(params)
-    if params.any() and (zero := objective_at(np.zeros_like(params)))[0] > objective:
-        params, (objective, share, terms) = np.zeros_like(params), zero
+    null, last, whole, lost = objective, np.inf, False, False
+    if start.any():
+        with np.errstate(over="ignore", invalid="ignore"):
+            guess = objective_at(start)
+        if guess[0] >= objective:
+            params, (objective, share, terms) = start, guess
     for iteration in range(max_iterations + 1):
-        gradient, information = likelihood.slopes(share)
-        gradient = (gradient - penalty * params) / scale
-        curvature = (information + np.diag(penalty)) / np.outer(scale, scale)
+        slopes = likelihood.slopes(share, terms)
+        gradient = (slopes.gradient - penalty * params) / scale
+        curvature = (slopes.information + np.diag(penalty)) / np.outer(scale, scale)
         step = _newton_step(curvature, gradient)
         gain = max(float(gradient @ step), 0.0)
         decrement = gain**0.5
+        proven, settled, blur = False, False, 0.0
+        if decrement <= FLOOR or iteration == max_iterations:
+            blur, reach = _reach(likelihood, slopes, penalty, decrement)
+            proven, settled = (decrement + blur) * reach <= PROVEN, decrement * reach <= SETTLED
         rounding = 64 * np.finfo(float).eps * abs(float(np.trace(curvature))) ** 0.5
-        small = float(np.abs(step).max()) <= SMALL_STEP * (1.0 + float(np.abs(params * scale).max()))
-        runaway = watch and decrement <= RUNAWAY and not small
-        converged = decrement <= max(tolerance, rounding) and not runaway
+        stuck = decrement <= blur or (whole and last / 2 <= decrement <= FLOOR)
+        converged = proven and ((settled and decrement <= max(tolerance, rounding)) or stuck)
+        runaway = decrement <= RUNAWAY and not proven and (watch or stuck)
         if converged or runaway or iteration == max_iterations:
             break
         length = 1.0
-        while True:
+        while length >= LOST:
             trial = params + length * step / scale
-            reached, share, terms = objective_at(trial)
+            with np.errstate(over="ignore", invalid="ignore"):
+                reached, *there = objective_at(trial)
             # Near the summit the objective is flat to rounding; there the full step is right.
-            if reached >= objective + 1e-4 * length * gain - 1e-12 * (1.0 + abs(objective)) or length < 1e-40:
+            if reached >= objective + 1e-4 * length * gain - 1e-12 * (1.0 + abs(objective)):
                 break
             length /= 2
-        params, objective = trial, reached
+        else:
+            lost = True
+            break
+        params, objective, (share, terms), last, whole = trial, reached, there, decrement, length == 1.0
     value = likelihood.weigh(terms)
-    return Optimum(params, value, share, information, decrement, iteration, converged, runaway)
+    information = slopes.information
+    return Optimum(params, value, null, share, information, decrement, iteration, converged, proven, lost)
+
+
+def _reach(likelihood: Likelihood, slopes: Slopes, penalty: Floats, decrement: float) -> tuple[float, float]:
+    """Return what rounding may add to the decrement, and a bound of the reach; inf where they are not known.
+
+    The reach is exact where it decides.
+    """
+    curvature = slopes.information + np.diag(penalty)
+    unit = np.sqrt(np.maximum(np.diag(curvature), 0.0))
+    if not (np.isfinite(unit) & (unit > 0)).all():
+        return np.inf, np.inf
+    values, vectors = np.linalg.eigh(curvature / np.outer(unit, unit))
+    if not values[0] >= REGULAR:
+        return np.inf, np.inf
+    # By Cauchy and Schwarz: the gradient is a sum of terms weight * share * rival, each of them rounded.
+    blur = 4 * np.finfo(float).eps * (likelihood.total * float((slopes.moment / unit**2).sum()) / values[0]) ** 0.5
+    if not blur <= FLOOR:
+        return np.inf, np.inf
+    rivals = likelihood.rivals
+    reach = float(np.einsum("ij,ij,j->i", rivals, rivals, unit**-2.0).max() / values[0]) ** 0.5
+    if (decrement + blur) * reach > PROVEN or decrement * reach > SETTLED:
+        reach = float(np.square(rivals @ (vectors / unit[:, None] / np.sqrt(values))).sum(axis=1).max()) ** 0.5
+    return blur, reach
 
 
 def _newton_step(curvature: Floats, gradient: Floats) -> Floats:

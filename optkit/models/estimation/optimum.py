@@ -10,9 +10,15 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
-from optkit.basics.errors import InputError
+from optkit.basics.errors import InputError, SolverError
 from optkit.models.decision import Floats
-from optkit.models.estimation.columns import NotIdentifiedError, check_columns, combination, refuse_separation
+from optkit.models.estimation.columns import (
+    NotIdentifiedError,
+    check_columns,
+    combination,
+    refuse_flatness,
+    refuse_separation,
+)
 from optkit.models.estimation.identification import EstimationWarning
 from optkit.models.estimation.likelihood import Likelihood
 from optkit.models.estimation.newton import Optimum, maximise
@@ -61,10 +67,10 @@ def find_optimum(
         refuse_separation(likelihood, names, scale, free, rejections)
     unit = np.where(scale > 0, scale, 1.0)
     optimum = maximise(likelihood, penalties, start, unit, tolerance=tolerance, max_iterations=max_iterations)
-    if not optimum.converged:
+    if not optimum.proven:
         if not one_sided:
             refuse_separation(likelihood, names, scale, free, rejections)
-        if optimum.runaway:  # nothing is separated, so there is a maximum, far out: go on to it
+        if optimum.flat:  # nothing is separated, so there is a maximum, far out: go on to it
             optimum = maximise(
                 likelihood,
                 penalties,
@@ -74,6 +80,8 @@ def find_optimum(
                 max_iterations=max_iterations,
                 watch=False,
             )
+        if optimum.flat:
+            refuse_flatness(optimum.information / np.outer(unit, unit), names, unit)
     if not optimum.converged:
         warnings.warn(
             f"Newton's method stopped after {optimum.iterations} steps, {optimum.decrement:.2g} standard errors "
@@ -97,8 +105,18 @@ def covariances(
     """Return the inverse information, the penalty's included, and, if ``robust``, the sandwich with it; (k, k).
 
     The sandwich takes each situation as one observation (HC0), or as many as its weight says.
+
+    Raises
+    ------
+    SolverError
+        If the search was cut short where there is no curvature.
     """
     inverse = _inverse(optimum.information + np.diag(penalties))
+    if inverse is None:
+        raise SolverError(
+            f"the search was cut short after {optimum.iterations} steps, where the likelihood is flat and has no "
+            "standard errors; raise maxiter"
+        )
     if not robust:
         return inverse, None
     scores = likelihood.scores(optimum.share)
@@ -106,15 +124,16 @@ def covariances(
     return inverse, inverse @ meat @ inverse
 
 
-def _inverse(precision: Floats) -> Floats:
-    """Invert; NaN if not positive definite, which only a search that did not converge can leave behind."""
+def _inverse(precision: Floats) -> Floats | None:
+    """Invert; None if not positive definite, which only a search that did not converge can leave behind."""
     diagonal = np.diag(precision)
     if diagonal.min() > 0:
         # Scaled to a unit diagonal, so that the units of the columns do not cost digits.
         unit = np.outer(np.sqrt(diagonal), np.sqrt(diagonal))
         with suppress(np.linalg.LinAlgError):
-            return np.asarray(cho_solve(cho_factor(precision / unit), np.eye(len(unit))) / unit)
-    return np.full_like(precision, np.nan)
+            inverse: Floats = cho_solve(cho_factor(precision / unit), np.eye(len(unit))) / unit
+            return inverse if np.isfinite(inverse).all() else None
+    return None
 
 
 def _warn(message: str) -> None:

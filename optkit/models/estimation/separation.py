@@ -10,8 +10,17 @@ from optkit.basics.errors import SolverError
 from optkit.models.decision import Bools, Floats
 from optkit.models.estimation.likelihood import Likelihood
 
-TOLERANCE = 1e-6
-"""What counts as a tie, relative to the largest margin; the linear program is solved to 1e-7."""
+SUPPORT = 1e-6
+"""Margin above which a choice speaks for a direction, relative to its terms; the linear program is solved to 1e-7."""
+
+ENOUGH = 1e-3
+"""Margin that counts in full: a direction that every choice speaks for is better than one that some shout for."""
+
+TIE = 1e-9
+"""Margin that rounding may leave of a tie, relative to its terms."""
+
+NOISE = 1e-12
+"""Difference between two alternatives that rounding may leave of none, relative to the level of the column."""
 
 
 def separating_direction(likelihood: Likelihood, scale: Floats, free: Bools, seed: int = 0) -> Floats | None:
@@ -57,7 +66,14 @@ def separating_direction(likelihood: Likelihood, scale: Floats, free: Bools, see
     columns = np.flatnonzero(free)
     if not columns.size:
         return None
-    margins = -likelihood.rivals[:, columns] / scale[columns]
+    margins = -likelihood.rivals[:, columns]
+    margins[np.abs(margins) <= NOISE * likelihood.level[columns]] = 0.0
+    margins /= scale[columns]
+    # A small difference decides a choice as well as a large one: each row by its own size.
+    size = np.abs(margins).max(axis=1)
+    margins = margins[size > 0] / size[size > 0, None]
+    if not len(margins):
+        return None
     found = _single_column(margins)
     if found is None:
         found = _by_linear_program(margins, np.random.default_rng(seed))
@@ -66,6 +82,12 @@ def separating_direction(likelihood: Likelihood, scale: Floats, free: Bools, see
     direction = np.zeros(len(scale))
     direction[columns] = found
     return direction / scale
+
+
+def supporters(likelihood: Likelihood, direction: Floats) -> Bools:
+    """Return which situations speak for a direction, (S,): their choice gains on some rival."""
+    gain = -(likelihood.rivals @ direction) - SUPPORT * (np.abs(likelihood.rivals) @ np.abs(direction))
+    return likelihood.sets.max(gain) > 0
 
 
 def _single_column(margins: Floats) -> Floats | None:
@@ -87,32 +109,42 @@ def _by_linear_program(margins: Floats, rng: np.random.Generator) -> Floats | No
     for _ in range(k):
         unseen = _null_space(margins[working])
         reach = np.abs(margins @ unseen).max(axis=1, initial=0.0)
-        if reach.max() <= TOLERANCE:
+        if reach.max() <= SUPPORT:
             break
         working = np.union1d(working, np.argsort(-reach, kind="stable")[:k])
     while True:
         part = margins[working]
-        # max sum z  subject to  z <= part @ d,  0 <= z <= 1,  |d| <= 1
+        # max sum z  subject to  z <= part @ d,  0 <= z <= ENOUGH,  |d| <= 1
         slack = hstack([csr_array(-part), eye_array(len(working))], format="csr")
         cost = np.concatenate([np.zeros(k), -np.ones(len(working))])
-        bounds = [(-1.0, 1.0)] * k + [(0.0, 1.0)] * len(working)
+        bounds = [(-1.0, 1.0)] * k + [(0.0, ENOUGH)] * len(working)
         solved = linprog(cost, A_ub=slack, b_ub=np.zeros(len(working)), bounds=bounds, method="highs")
         if solved.x is None:
             raise SolverError(f"the linear program that looks for separation failed: {solved.message}")
-        direction: Floats = solved.x[:k]
-        length = float(np.abs(direction).max())
-        if length <= TOLERANCE:
+        direction = _sharpened(part, solved.x[:k])
+        margin, terms = part @ direction, np.abs(part) @ np.abs(direction)
+        if not (margin > SUPPORT * terms).any() or (margin < -TIE * terms).any():
             return None
-        direction = np.where(np.abs(direction) <= TOLERANCE * length, 0.0, direction / length)
-        margin = margins @ direction
-        tie = TOLERANCE * float(np.abs(margin).max())
-        if float((part @ direction).max()) <= tie:
-            return None
-        against = np.flatnonzero(margin < -tie)
+        margin, terms = margins @ direction, np.abs(margins) @ np.abs(direction)
+        against = np.flatnonzero(margin < -TIE * terms)
+        if not against.size:
+            return direction
         new = np.setdiff1d(against, working)
-        if not new.size:
-            return direction if not against.size else None
         working = np.concatenate([working, new[np.argsort(margin[new], kind="stable")[:1000]]])
+
+
+def _sharpened(rows: Floats, direction: Floats) -> Floats:
+    """Solve for the ties of an approximate direction; its largest entry is 1 in absolute value, or it is 0."""
+    for _ in range(2):  # the second time without the entries that were rounding
+        length = float(np.abs(direction).max())
+        if length <= SUPPORT:
+            return np.zeros_like(direction)
+        direction = np.where(np.abs(direction) <= SUPPORT * length, 0.0, direction / length)
+        shown = np.flatnonzero(direction)
+        ties = rows[np.abs(rows @ direction) <= SUPPORT * (np.abs(rows) @ np.abs(direction))][:, shown]
+        if ties.size:
+            direction[shown] -= np.linalg.lstsq(ties, ties @ direction[shown])[0]
+    return direction
 
 
 def _null_space(rows: Floats) -> Floats:
