@@ -67,6 +67,9 @@ def _need(table: str, frame: pd.DataFrame, columns: Sequence[str]) -> None:
     if missing:
         have = ", ".join(map(str, frame.columns))
         raise InstanceError(f"the {table} table has no column {', '.join(map(repr, missing))}; it has: {have}")
+    double = next((c for c in columns if list(frame.columns).count(c) > 1), None)
+    if double is not None:
+        raise InstanceError(f"the {table} table has the column {double!r} twice; leave one")
 
 
 def _columns(name: str, frame: pd.DataFrame, columns: list[str], flags: bool = False) -> Floats:

@@ -19,6 +19,7 @@ import numpy as np
 
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.files import locked_folder, write_together
+from optkit.basics.plain_json import parse_object
 from optkit.basics.version import __version__
 from optkit.instances.benchmark.digest import DECIMALS, benchmark_digest
 from optkit.instances.catalogue import scenario
@@ -26,7 +27,7 @@ from optkit.instances.instance import Instance
 from optkit.instances.splits import PARTS
 from optkit.instances.storage import load_instances, save_instances
 from optkit.instances.storage.save import check_replaceable
-from optkit.instances.storage.schema import parse, read_bytes
+from optkit.instances.storage.schema import read_bytes
 
 __all__ = [
     "benchmark_digest",
@@ -323,7 +324,7 @@ def _listed_before(folder: Path, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_checksums(path: Path) -> dict[str, Any]:
-    about = parse(read_bytes(path))
+    about = parse_object(read_bytes(path))
     whole = about is not None and all(isinstance(about.get(key), dict) for key in ("sets", "files"))
     if about is None or not whole or about.get("format") != FORMAT:
         raise DataError(f"{path} is damaged, or not of benchmark sets: remove it and run optkit generate benchmark")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,18 @@ from scipy import sparse
 
 from optkit.basics.errors import DataError, InstanceError
 from optkit.basics.folders import set_aside
+from optkit.basics.printable import listed
+from optkit.basics.strict_json import object_of
+from optkit.basics.tables.text import reading
 from optkit.instances.instance import Instance
 from optkit.instances.storage.schema import (
     COLUMNS,
     FORMAT,
+    REMEDY,
     SCHEMA,
     Columns,
     damaged,
     is_number,
-    parse,
     read_bytes,
     seal,
     table_schema,
@@ -114,9 +118,10 @@ def read_description(folder: str | os.PathLike[str]) -> dict[str, Any]:
             raise DataError(f"{place} is missing: a save was interrupted; the set is {aside}: move it back")
         raise DataError(f"{place} is not a folder: give the folder of an instance set, made by save_instances")
     raw = read_bytes(path)
-    document = parse(raw)
-    if document is None:
-        raise damaged(path, "is not a JSON object (damaged or truncated)")
+    try:
+        document = object_of(raw)
+    except ValueError as error:
+        raise damaged(path, f"is not a JSON object as it should be ({error})") from None
     if document.get("format") != FORMAT:
         raise DataError(f"{path} has format {document.get('format')!r}, not {FORMAT!r}: give an instance set's folder")
     schema: Any = document.get("schema")
@@ -167,18 +172,18 @@ def _read_table(path: Path, document: dict[str, Any]) -> Columns:
     raw = read_bytes(path)
     if hashlib.sha256(raw).hexdigest() != stated.get("sha256"):
         raise damaged(path, "is damaged or truncated (its sha256 is not that in scenario.json)")
-    try:
+    with reading(path, REMEDY, text=False):
         file = pq.ParquetFile(pa.BufferReader(raw))
+        names = Counter(file.schema_arrow.names)
         have = {field.name: field.type for field in file.schema_arrow}
         for field in wanted:
             if field.name not in have:
-                raise damaged(path, f"has no column {field.name!r} among {', '.join(have)}")
+                raise damaged(path, f"has no column {field.name!r} among {listed(have)}")
+            if names[field.name] > 1:
+                raise damaged(path, f"has the column {field.name!r} twice")
             if have[field.name] != field.type:
                 raise damaged(path, f"has {have[field.name]} in column {field.name!r}, not {field.type}")
         data = file.read(columns=wanted.names)
-    except (pa.ArrowException, OSError) as error:
-        reason = str(error).partition("\n")[0]
-        raise damaged(path, f"is not a readable Parquet file ({reason})") from error
     if data.num_rows != stated.get("rows"):
         raise damaged(path, f"has {data.num_rows} rows, scenario.json says {stated.get('rows')}")
     for field in wanted:

@@ -15,6 +15,7 @@ from scipy import sparse
 from optkit.basics.errors import InputError
 from optkit.basics.files import cannot_write
 from optkit.basics.folders import foreign_entry, publish, set_aside
+from optkit.basics.plain_json import parse_object
 from optkit.basics.version import __version__
 from optkit.instances.instance import Instance
 from optkit.instances.storage.schema import (
@@ -23,7 +24,6 @@ from optkit.instances.storage.schema import (
     SCHEMA,
     ZEROS,
     Columns,
-    parse,
     read_bytes,
     seal,
     table_schema,
@@ -118,7 +118,7 @@ def check_replaceable(folder: Path, overwrite: bool) -> None:
     if not overwrite:
         raise InputError(f"{folder} exists: choose another folder, or pass overwrite=True to replace an instance set")
     path = folder / "scenario.json"
-    document = parse(read_bytes(path)) if path.is_file() else None
+    document = parse_object(read_bytes(path)) if path.is_file() else None
     if document is None or document.get("format") != FORMAT:
         raise InputError(f"{folder} is not an instance set, so it stays: choose another folder, or remove it yourself")
     foreign = foreign_entry(folder, (path.name, *(f"{table}.parquet" for table in COLUMNS)))

@@ -48,7 +48,6 @@ noise      noise                        float  realised noise of the pair, money
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +63,7 @@ COLUMNS = {
     "noise": (["instance", "worker", "request"], ["noise"]),
 }
 ZEROS = b"0" * 64
+REMEDY = "copy the folder again from its source, or write it anew with save_instances"
 
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -85,15 +85,6 @@ def seal(raw: bytes, stated: object) -> str:
     return hashlib.sha256(blank).hexdigest()
 
 
-def parse(raw: bytes) -> dict[str, Any] | None:
-    """Return the JSON object that the bytes hold, or None."""
-    try:
-        document = json.loads(raw)
-    except (ValueError, RecursionError):
-        return None
-    return document if isinstance(document, dict) else None
-
-
 def is_number(value: Any, *, whole: bool = False) -> bool:
     """Whether a JSON value is a number, or a whole one of at least 0."""
     return (type(value) is int and (0 if whole else -(2**63)) <= value < 2**63) or (type(value) is float and not whole)
@@ -101,7 +92,7 @@ def is_number(value: Any, *, whole: bool = False) -> bool:
 
 def damaged(path: Path, what: str) -> DataError:
     """Return the error that a file is not as it was written."""
-    return DataError(f"{path} {what}: copy the folder again from its source, or write it anew with save_instances")
+    return DataError(f"{path} {what}: {REMEDY}")
 
 
 def read_bytes(path: Path) -> bytes:

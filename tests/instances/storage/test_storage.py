@@ -613,7 +613,7 @@ def test_table_that_is_no_parquet(folder):
     data = b"instance,request\n0,0\n"
     (folder / "requests.parquet").write_bytes(data)
     change_json(folder, "files", "requests.parquet", "sha256", value=hashlib.sha256(data).hexdigest())
-    fails(folder, "requests.parquet", "not a readable Parquet file")
+    fails(folder, "requests.parquet", "cannot read", "save_instances")
 
 
 def test_more_columns_are_ignored(folder, instances):
