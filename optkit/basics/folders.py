@@ -15,6 +15,7 @@ from typing import Any
 
 from optkit.basics.errors import InputError
 from optkit.basics.files import cannot_write, locked_folder, sync_folder
+from optkit.basics.paths import resolved
 from optkit.basics.plain_json import is_sealed, parse_object, sealed, to_json
 
 TRIES = 20
@@ -81,7 +82,7 @@ def _put(new: Path, target: Path, old: Path, replaceable: Callable[[], bool]) ->
 
 def set_aside(folder: Path) -> Path | None:
     """Return where an interrupted save left what ``folder`` should hold."""
-    folder = folder.resolve()
+    folder = resolved(folder)
     if folder.exists() or not folder.parent.is_dir():
         return None
     with locked_folder(folder.parent):  # who is just replacing it is not interrupted
@@ -98,7 +99,7 @@ def foreign_entry(folder: Path, own: Iterable[str]) -> str | None:
 
 def writable_parent(target: Path) -> bool:
     """Whether the nearest folder above ``target`` that exists may be written to."""
-    parent = next((above for above in target.resolve().parents if above.exists()), None)
+    parent = next((above for above in resolved(target).parents if above.exists()), None)
     return parent is not None and parent.is_dir() and os.access(parent, os.W_OK)
 
 

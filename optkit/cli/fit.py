@@ -10,6 +10,7 @@ import typer
 
 from optkit.basics.errors import InputError, OptkitError
 from optkit.basics.folders import writable_parent
+from optkit.basics.paths import resolved
 from optkit.basics.plain_json import to_json
 from optkit.basics.printable import printable
 from optkit.cli.console import print_table, say, say_json
@@ -44,7 +45,7 @@ def fit(
     names = None if features is None else [name.strip() for name in features.split(",")]
     if out is not None and out.suffix == ".json":
         raise InputError(f"--out {out}: give the text file's name, such as fit.txt; the JSON goes beside it")
-    if out is not None and not (out.resolve().parent.is_dir() and writable_parent(out)):
+    if out is not None and not (resolved(out).parent.is_dir() and writable_parent(out)):
         raise InputError(f"--out {out} cannot be written: its folder does not exist, or may not be written to")
     offers = Offers.load(table, names)
     with warnings.catch_warnings(record=True) as caught:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optkit.basics.errors import InputError, OptkitError
+from optkit.basics.paths import resolved
 from optkit.cli.console import print_table, say
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def check_file(out: Path, *suffixes: str) -> None:
 
     if out.suffix not in suffixes or out.is_dir():
         raise InputError(f"--out {out} must be a file that ends in {' or '.join(suffixes)}")
-    if not (out.resolve().parent.is_dir() and writable_parent(out)):
+    if not (resolved(out).parent.is_dir() and writable_parent(out)):
         raise InputError(f"--out {out} cannot be written: its folder does not exist, or may not be written to")
 
 

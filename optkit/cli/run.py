@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit.basics.paths import resolved
 from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import print_comparison
@@ -41,7 +42,7 @@ def run(
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
         split, origin = read_split(opened)
-        name = opened.resolve().name
+        name = resolved(opened).name
         folder = out or Path("results") / name
     else:
         name, split, origin = opened.name, opened.split(), opened.describe()

@@ -10,6 +10,7 @@ from typing import Any
 
 from optkit.basics.files import cannot_write
 from optkit.basics.folders import ResultsFolder, publish
+from optkit.basics.paths import resolved
 from optkit.basics.plain_json import to_json
 from optkit.evaluation.main_job import RunResult
 from optkit.plotting.boxes import box_plot
@@ -72,7 +73,7 @@ def write_results(folder: str | os.PathLike[str], result: RunResult, title: str)
         "performance_ratio.pdf": figure_bytes(axes, "pdf"),
     }
     try:
-        publish(Path(folder).resolve(), FOLDER.files(contents, result.to_dict()), lambda: check_target(folder))
+        publish(resolved(folder), FOLDER.files(contents, result.to_dict()), lambda: check_target(folder))
     except OSError as error:
         raise cannot_write(folder, error, "choose another with --out") from error
     return Path(folder)

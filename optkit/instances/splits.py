@@ -7,6 +7,7 @@ from typing import Any
 
 from optkit.basics.arrays import whole_number
 from optkit.basics.errors import DataError, InputError
+from optkit.basics.paths import resolved
 from optkit.basics.seeds import Stream, check_count, stream
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
@@ -80,7 +81,7 @@ def _realised(instances: list[Instance], part: int) -> tuple[list[Instance], int
 def _origin(folder: Path, sets: dict[str, Path], drawn: int) -> dict[str, Any]:
     told = {part: read_description(place) for part, place in sets.items()}
     seals = {part: {"scenario": one["scenario"], "files": one["files"]} for part, one in told.items()}
-    return {"folder": folder.resolve().name, "sets": seals, **({"noise": drawn} if drawn else {})}
+    return {"folder": resolved(folder).name, "sets": seals, **({"noise": drawn} if drawn else {})}
 
 
 def held_out(source: Scenario, count: int | None = None) -> list[Instance]:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from optkit.basics.errors import DataError
+from optkit.basics.paths import resolved
 from optkit.basics.printable import listed
 from optkit.basics.tables.cells import Cells, Column, Converter
 from optkit.basics.tables.read import open_table
@@ -50,7 +51,7 @@ def find_files(paths: Paths) -> list[Path]:
                 raise DataError(f"there is no file {file}: check the path of the trip records")
             if not file.name.lower().endswith(SUFFIXES):
                 raise DataError(f"{file} is no trip file: its name must end in {', '.join(SUFFIXES)}")
-            found.setdefault(file.resolve(), file)
+            found.setdefault(resolved(file), file)
     if not found:
         raise DataError("no trip file is named: pass a TLC file, several, or a folder of them")
     return list(found.values())

@@ -15,6 +15,7 @@ from scipy import sparse
 from optkit.basics.errors import InputError
 from optkit.basics.files import cannot_write
 from optkit.basics.folders import foreign_entry, publish, set_aside
+from optkit.basics.paths import resolved
 from optkit.basics.plain_json import parse_object
 from optkit.basics.version import __version__
 from optkit.instances.instance import Instance
@@ -80,7 +81,7 @@ def save_instances(
     (True, {'origin': 'by hand'})
     """
     items = _checked(instances)
-    target = Path(folder).resolve()
+    target = resolved(folder)
 
     def replaceable() -> bool:
         if os.path.lexists(target):

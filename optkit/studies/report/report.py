@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from optkit.basics.files import cannot_write
 from optkit.basics.folders import ResultsFolder, publish
+from optkit.basics.paths import resolved
 from optkit.basics.version import versions
 from optkit.plotting.files import figure_files
 from optkit.studies.cells import SCHEMA
@@ -127,7 +128,7 @@ def write_report(
     check_report(folder, study.name)
     contents = report_files(study, run, claims)
     try:
-        publish(Path(folder).resolve(), contents, lambda: check_report(folder, study.name))
+        publish(resolved(folder), contents, lambda: check_report(folder, study.name))
     except OSError as error:
         raise cannot_write(folder, error, "choose another with --out") from error
     return Path(folder) / "report.html"
