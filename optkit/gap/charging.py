@@ -216,7 +216,7 @@ def presence_score(instances: Sequence[Instance], foresight: Foresight) -> float
     """
     more = spread = 0.0
     for one in instances:
-        seen = np.zeros(one.horizon, bool)
+        seen = np.zeros(one.steps, bool)
         seen[one.worker_step] = True
         stretch = np.concatenate([[0], busy_steps(seen[:, None])[:-1, 0]])
         p = foresight.presence[np.minimum(stretch, foresight.presence.size - 1)]

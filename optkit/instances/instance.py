@@ -31,6 +31,13 @@ _real = partial(arrays.real, error=InstanceError)
 _floats = partial(arrays.floats, error=InstanceError)
 
 
+LATEST_START = 1_000_000
+"""Step at which the first request or worker must have come: who counts from 1970 comes later."""
+
+LONGEST = 10_000_000
+"""Steps that can be gone through one by one, see :attr:`Instance.steps`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Instance:
     """A day of one platform: everything exogenous, and nothing that a policy decides.
@@ -158,6 +165,12 @@ class Instance:
                 f"worker_step[{j + 1}] = {self.worker_step[j + 1]} does not come after worker_step[{j}] = "
                 f"{self.worker_step[j]}: a step sees one worker; optkit.instances.instance.fifo_queue lines arrivals up"
             )
+        came = [at.min() for at in (self.arrival, self.worker_step) if at.size]
+        if came and min(came) >= LATEST_START:
+            raise InstanceError(
+                f"nobody comes before step {min(came):,}: steps count from 0 (are these seconds since 1970?); subtract "
+                "the first from arrival, expiry and worker_step"
+            )
         D = self.mu.size
         alien = (self.worker_group < 0) | (self.worker_group >= D)
         if alien.any():
@@ -208,6 +221,22 @@ class Instance:
         for part in (kept.data, kept.indices, kept.indptr):
             part.flags.writeable = False
         return kept
+
+    @property
+    def steps(self) -> int:
+        """The horizon, for what goes through all steps one by one.
+
+        Raises
+        ------
+        InstanceError
+            If there are more than :data:`LONGEST`.
+        """
+        if self.horizon > LONGEST:
+            raise InstanceError(
+                f"horizon is {self.horizon:,}: more than {LONGEST:,} steps cannot be gone through one by one; take "
+                "longer steps, or look for seconds since 1970 among arrival, expiry and worker_step"
+            )
+        return self.horizon
 
     @property
     def n_requests(self) -> int:

@@ -14,6 +14,9 @@ from optkit.basics.errors import InputError, InstanceError
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.instances.queue import busy_steps
 
+STEP_BYTES, MOST_BYTES = 24, 8e9
+"""Memory for one step of one instance, and for all of them."""
+
 
 class Noise(Protocol):
     """Realised noise by worker and request, both numbered across the batch."""
@@ -45,9 +48,10 @@ class Batch:
         Raises
         ------
         InputError
-            If an element is not an Instance, or the numbers of features differ.
+            If an element is not an Instance, the numbers of features differ, or all steps of all instances together
+            take more than :data:`MOST_BYTES`.
         InstanceError
-            If the noise of an instance is not realised.
+            If the noise of an instance is not realised, or it has too many steps.
         """
         if isinstance(instances, Batch):
             return instances
@@ -62,6 +66,10 @@ class Batch:
         widths = {one.features.shape[1] for one in listed}
         if len(widths) > 1:
             raise InputError(f"instances with {sorted(widths)} features cannot be simulated together; run them apart")
+        size = STEP_BYTES * len(listed) * max((one.steps for one in listed), default=0)
+        if size > MOST_BYTES:
+            steps = f"{len(listed)} instances of up to {max(one.horizon for one in listed):,} steps"
+            raise InputError(f"{steps} take {size / 1e9:.0f} GB to simulate together: take fewer at a time")
         starts = [np.cumsum([0, *sizes]) for sizes in ([i.n_requests for i in listed], [i.n_workers for i in listed])]
         return cls(listed, starts[0], starts[1])
 

@@ -119,6 +119,24 @@ RULES = {
         {"mu": [], "utility": np.zeros((0, 3)), "outside_utility": 0.0},
         ["mu is empty", "at least one worker group"],
     ),
+    "steps are seconds since 1970": (
+        {
+            "horizon": 1_700_000_901,
+            "arrival": [1_700_000_000, 1_700_000_100, 1_700_000_300],
+            "expiry": [1_700_000_900] * 3,
+            "worker_step": [1_700_000_300, 1_700_000_400],
+        },
+        ["before step 1,700,000,000", "steps count from 0", "subtract"],
+    ),
+    "steps are minutes since 1970": (
+        {
+            "horizon": 28_400_001,
+            "arrival": [28_333_333] * 3,
+            "expiry": [28_400_000] * 3,
+            "worker_step": [28_333_340, 28_333_341],
+        },
+        ["before step 28,333,333", "steps count from 0"],
+    ),
     "worker_step is negative": ({"worker_step": [-1, 4]}, ["worker_step[0] = -1", "0..5"]),
     "worker_step at the horizon": ({"worker_step": [1, 6]}, ["worker_step[1] = 6", "0..5"]),
     "worker_step repeats": ({"worker_step": [4, 4]}, ["worker_step[1] = 4", "worker_step[0] = 4", "fifo_queue"]),

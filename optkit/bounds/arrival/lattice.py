@@ -107,7 +107,7 @@ def stages(instance: Instance, *, every_step: bool = False, tracked: Bools | Non
     [(1, [0, 1], 0), (2, [0, 1], 2)]
     """
     n = instance.n_requests
-    step = np.arange(instance.horizon) if every_step else instance.worker_step
+    step = np.arange(instance.steps) if every_step else instance.worker_step
     first = np.searchsorted(step, instance.arrival, side="left")
     count = np.searchsorted(step, instance.expiry, side="right") - first
     request = np.repeat(np.arange(n), count)

@@ -140,7 +140,7 @@ class FluidModel:
         if not instances:
             raise InputError("there are no instances: give at least one")
         first, B = instances[0], len(instances)
-        presence = np.zeros((first.horizon, first.n_groups))
+        presence = np.zeros((first.steps, first.n_groups))
         for b, one in enumerate(instances):
             for name in ("horizon", "mu", "outside_by_group"):
                 if not np.array_equal(getattr(one, name), getattr(first, name)):

@@ -119,7 +119,7 @@ class Foresight:
         """
         if self.share.size != instance.n_groups:
             raise InputError(f"share has {self.share.size} groups; the instance to be bounded has {instance.n_groups}")
-        step = np.arange(instance.horizon)
+        step = np.arange(instance.steps)
         group = np.full(instance.horizon, -1)
         group[instance.worker_step] = instance.worker_group
         idle = np.maximum.accumulate(np.where(group < 0, step, -1))

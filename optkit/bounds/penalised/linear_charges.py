@@ -147,7 +147,7 @@ class LinearCharges:
         came = np.where((seen.group[now] >= 0)[:, None], by_group[i, seen.group[now]], 0.0)
         surprise = [came - seen.presence[now, None] * expected[i]]
         if self.request_rate is not None:
-            arrived = np.bincount(instance.arrival, minlength=instance.horizon)
+            arrived = np.bincount(instance.arrival, minlength=instance.steps)
             surprise.append(expected[i] * (arrived[now] - self.request_rate)[:, None])
         left = hats((instance.expiry[i] - step).astype(float), self.time_knots)
         terms = np.stack(surprise, axis=1)[..., None] * left[:, None, None, :]

@@ -187,7 +187,7 @@ def tracked_requests(instance: Instance, limit: int) -> Bools:
     array([False,  True,  True, False])
     """
     surplus = join_requests([instance]).mean_surplus
-    tracked, load = np.zeros(instance.n_requests, bool), np.zeros(instance.horizon, np.int64)
+    tracked, load = np.zeros(instance.n_requests, bool), np.zeros(instance.steps, np.int64)
     for i in np.lexsort((-surplus, instance.arrival)):
         begin, end = instance.arrival[i], instance.expiry[i]
         if begin == end or load[begin] < limit:
