@@ -11,7 +11,7 @@ from optkit.basics.printable import listed
 from optkit.basics.strict_json import Twice, from_json
 from optkit.basics.tables.cells import Literal
 from optkit.basics.tables.table import Table
-from optkit.basics.tables.text import open_text, reading
+from optkit.basics.tables.text import lines, open_text, reading
 
 
 class JsonTable(Table):
@@ -29,7 +29,7 @@ class JsonTable(Table):
 
     def __init__(self, path: Path, remedy: str, under: str | None = None) -> None:
         with reading(path, remedy), open_text(path) as file:
-            content = from_json(file.read(), number=Literal)
+            content = from_json("".join(lines(path, file)), number=Literal)
         if isinstance(content, dict) and under is not None:
             if set(content) != {under} or isinstance(content, Twice):
                 raise DataError(f"{path} is an object with {listed(content) or 'nothing'}; it takes {under} alone")

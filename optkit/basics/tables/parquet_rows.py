@@ -33,13 +33,14 @@ class ParquetTable(Table):
             with reading(path, remedy, text=False):
                 self._parquet = pq.ParquetFile(self._file)
                 schema = self._parquet.schema_arrow
-                self._header, raw = list(schema.names), schema.metadata or {}
-            super().__init__(path, self._header, {_text(key): _text(value) for key, value in raw.items()})
+                self._header, raw, rows = list(schema.names), schema.metadata or {}, self._parquet.metadata.num_rows
+            marks = {_text(key): _text(value) for key, value in raw.items()}
+            index, self._ranges = _index(marks.get("pandas", ""), self._header, rows)
+            super().__init__(path, [*self._header, *self._ranges], marks)
         except BaseException:
             self._file.close()
             raise
-        known = _index(self.marks.get("pandas", ""))
-        self.index = frozenset(" ".join(str(name).split()) for name in known)
+        self.index = frozenset(" ".join(name.split()) for name in (*index, *self._ranges))
         self.names = [name for name in self.names if not re.fullmatch(r"__index_level_\d+__", name)]
 
     def close(self) -> None:
@@ -47,9 +48,10 @@ class ParquetTable(Table):
         self._file.close()
 
     def _pieces(self, places: Sequence[int], size: int) -> Iterator[Sequence[Any]]:
-        names = [self._header[place] for place in places]
+        all_names = [*self._header, *self._ranges]
+        names = [all_names[place] for place in places]
         with reading(self.path, self._remedy, text=False):
-            batches = self._parquet.iter_batches(size, columns=names)
+            batches = self._parquet.iter_batches(size, columns=[name for name in names if name not in self._ranges])
         begun = False
         while True:
             with reading(self.path, self._remedy, text=False):
@@ -58,16 +60,29 @@ class ParquetTable(Table):
                     batch = self._parquet.schema_arrow.empty_table()
             if batch is None:
                 return
-            yield [batch.column(name) for name in names]
+            rows = range(self.rows, self.rows + batch.num_rows)
+            yield [
+                [self._ranges[name][row] for row in rows] if name in self._ranges else batch.column(name)
+                for name in names
+            ]
             begun = True
 
 
-def _index(told: str) -> list[str]:
-    """Return the names of a DataFrame's index, by what pandas wrote beside its columns."""
+def _index(told: str, header: list[str], rows: int) -> tuple[list[str], dict[str, range]]:
+    """Return which columns are a DataFrame's index, and the index that is told by its ends instead of in a column."""
+    names: list[str] = []
+    ranges: dict[str, range] = {}
     try:
-        return [name for name in json.loads(told)["index_columns"] if isinstance(name, str)]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return []
+        for one in json.loads(told)["index_columns"]:
+            if isinstance(one, str):
+                names.append(one)
+            elif isinstance(one["name"], str) and one["name"] not in header:
+                steps = range(one["start"], one["stop"], one["step"])
+                if len(steps) == rows:
+                    ranges[one["name"]] = steps
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        pass  # somebody else's mark
+    return names, ranges
 
 
 def _text(raw: bytes) -> str:

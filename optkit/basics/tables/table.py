@@ -45,6 +45,7 @@ class Table(ABC):
         self._place = {name: place for place, name in reversed(list(enumerate(names)))}
         self.path, self.names, self.marks, self.rows = path, list(dict.fromkeys(names)), marks or {}, 0
         self.index: frozenset[str] = frozenset()
+        self._unparted = len(header) == 1 and any(mark in str(header[0]) for mark in ";\t|")
 
     def pieces(self, wanted: Mapping[str, Converter], size: int = PIECE) -> Iterator[dict[str, Any]]:
         """Yield the wanted columns, some rows at a time, at least once; read from top to bottom, one time only.
@@ -75,9 +76,7 @@ class Table(ABC):
         there = set(self.names if among is None else among)
         missing = [one for one in wanted if there.isdisjoint(one.split("|"))]
         if missing:
-            hint = ""
-            if len(self.names) == 1 and any(mark in self.names[0] for mark in ";\t"):
-                hint = ": write commas between the columns"
+            hint = ": write commas between the columns" if self._unparted else ""
             what = " and no ".join(" or ".join(map(repr, one.split("|"))) for one in missing)
             raise DataError(f"{self.path} has no column {what}; it has {listed(self.names)}{hint}")
 
