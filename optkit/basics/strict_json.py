@@ -28,7 +28,7 @@ def from_json(text: str, number: Callable[[str], Any] | None = None) -> Any:
     text : str
         Without a mark at its beginning.
     number : callable, optional
-        What makes a number of its text, ``NaN`` and ``Infinity`` too; as ``json`` does by default.
+        What makes a number of its text; as ``json`` does by default. ``NaN`` and ``Infinity`` are floats.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def from_json(text: str, number: Callable[[str], Any] | None = None) -> Any:
     'a'
     """
     how: dict[str, Any] = (
-        {} if number is None else dict.fromkeys(("parse_int", "parse_float", "parse_constant"), number)
+        {} if number is None else dict.fromkeys(("parse_int", "parse_float"), number)
     )
     try:
         return json.loads(text, object_pairs_hook=_object, **how)

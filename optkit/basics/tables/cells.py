@@ -89,7 +89,8 @@ def labels(cells: Cells) -> Column:
     values = cells.values
     names = np.empty(len(values), dtype=object)
     for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
-        if value is None or value != value or (isinstance(value, str) and not value.strip()):
+        missing = value is None or (isinstance(value, float) and not np.isfinite(value))
+        if missing or (isinstance(value, str) and not value.strip()):
             raise cells.wrong(i, ": every row needs one")
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise cells.wrong(i, ", neither text nor a number")
