@@ -59,7 +59,7 @@ class RowLog:
                 self._read(self.path, head)
             else:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self.path.write_text(json.dumps(head) + "\n")
+                self.path.write_text(json.dumps(head) + "\n", encoding="utf-8")
         except OSError as error:
             raise OptkitError(f"{self.path} cannot be written ({error.strerror or error})") from error
 

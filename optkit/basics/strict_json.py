@@ -42,9 +42,7 @@ def from_json(text: str, number: Callable[[str], Any] | None = None) -> Any:
     >>> from_json('[{"a": 1, "a": 2}]')[0].key
     'a'
     """
-    how: dict[str, Any] = (
-        {} if number is None else dict.fromkeys(("parse_int", "parse_float"), number)
-    )
+    how: dict[str, Any] = {} if number is None else dict.fromkeys(("parse_int", "parse_float"), number)
     try:
         return json.loads(text, object_pairs_hook=_object, **how)
     except RecursionError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optkit.basics.errors import InputError
+from optkit.basics.plain_json import parse_object
 from optkit.cli.console import open_source, print_table, progress_bar, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import check_file
@@ -120,10 +120,10 @@ def _check_out(out: Path) -> None:
     if not out.exists():
         return
     try:
-        found = json.loads(out.read_text())
-    except (OSError, ValueError):
+        found = parse_object(out.read_bytes())
+    except OSError:
         found = None
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
+    if found is None or found.get("format") != FORMAT:
         raise InputError(f"--out {out} exists and holds no trained policy: choose another")
 
 

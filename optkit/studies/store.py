@@ -109,7 +109,7 @@ class CellStore:
         text = json.dumps({**about, "seconds": seconds, "sha256": _digest(result), "result": result})
         staging = self.path(cell).with_name(f".{cell.key}.{os.getpid()}.tmp")
         try:
-            with open(staging, "w") as file:
+            with open(staging, "w", encoding="utf-8") as file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())

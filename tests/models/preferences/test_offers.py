@@ -268,3 +268,116 @@ def test_feature_names_are_unique_and_no_roles(names):
     """A feature named like a role or like another feature is refused, since no file could hold it."""
     with pytest.raises(DataError):
         log(names=names)
+
+
+LABELS = {
+    "day.visit": [f"20240101.{visit}" for visit in range(1, 31)],
+    "leading zeros": ["007", "7"],
+    "versions": ["1.1", "1.10"],
+    "one e in a hash": ["1e3", "1000"],
+    "date and number": [f"20240101.{visit:010d}" for visit in range(1, 301)],
+    "words for nothing": ["NA", "nan", "null", "None"],
+    "booleans": ["True", "TRUE", "1"],
+}
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
+@pytest.mark.parametrize("case", LABELS, ids=str)
+def test_situations_with_different_names_are_different(tmp_path, kind, case):
+    """As many situations as names, whatever a name looks like, in every format, and from a frame of text."""
+    labels = LABELS[case]
+    frame = pd.DataFrame({"situation": np.repeat(labels, 2), "km": [1.0, 2.0] * len(labels)}, dtype=object)
+    frame = frame.assign(compensation=5.0, chosen=[1, 0] * len(labels))
+    path = tmp_path / f"log.{kind}"
+    {
+        "csv": lambda: frame.to_csv(path, index=False),
+        "json": lambda: frame.to_json(path, orient="records"),
+        "parquet": lambda: frame.to_parquet(path, index=False),
+    }[kind]()
+    for offers in (Offers.load(path), Offers.from_frame(frame)):
+        assert offers.n_situations == offers.n_choices == len(labels)
+        np.testing.assert_array_equal(offers.situation, np.repeat(np.arange(len(labels)), 2))
+
+
+def test_an_error_calls_a_situation_what_the_user_calls_it(tmp_path):
+    """Two choices, or two groups: the label of the file or the frame is named, and no number that nobody knows."""
+    path = tmp_path / "log.csv"
+    path.write_text("situation,x,compensation,chosen\nmon,1,5,0\n007,1,5,1\n007,2,6,1\n")
+    with pytest.raises(DataError, match=r"log.csv: offers: situation 007 has 2 choices"):
+        Offers.load(path)
+    frame = log().to_frame().assign(situation=["a", "a", "b", "b", "c"], group=[0, 0, 1, 0, 0])
+    with pytest.raises(DataError, match="situation b has workers of two groups"):
+        Offers.from_frame(frame)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,2,0.5,0,1\n", "row 1 has 5 entries for 4 columns: is a name missing in the header"),
+        ("1,2,0\n", "row 1 has 3 entries for 4 columns: is the file complete"),
+        ("1,2,0,0\n1,2,x,0\n", "compensation in row 2 is 'x', not a finite number"),
+        ("1,2,0,0\n1,2,1e150,0\n", "compensation in row 2 is '1e150', beyond any money"),
+        ('1,2,0,0\n2,"2,0,0\n', "a quotation mark is not closed"),
+    ],
+)
+def test_rows_are_never_shifted_or_filled_up(tmp_path, text, words):
+    """A row of another width than the header, or a torn one, is refused by its number."""
+    path = tmp_path / "log.csv"
+    path.write_text("situation,km,compensation,chosen\n" + text)
+    with pytest.raises(DataError, match=words):
+        Offers.load(path)
+
+
+@pytest.mark.parametrize("group", ["007", "1e0", "x", "-1", "0.5", "10001"])
+def test_groups_of_a_file_are_numbers_written_in_one_way(tmp_path, group):
+    """``007`` and ``7`` would be one group, and are two names: what is no plain number is refused."""
+    path = tmp_path / "log.csv"
+    path.write_text(f"situation,group,compensation,chosen\n1,0,5,0\n2,{group},5,0\n")
+    with pytest.raises(DataError, match=r"group in row 2 is .*count from 0 without gaps"):
+        Offers.load(path)
+
+
+def test_an_index_is_a_column_if_it_has_a_role(tmp_path):
+    """What pandas took for the index is read where it has a role or is asked for, and is no feature otherwise."""
+    frame = log().to_frame()
+    path = tmp_path / "log.parquet"
+    for index, features in (("situation", None), ("chosen", None), ("size", ["size", "time"])):
+        frame.set_index(index).to_parquet(path)
+        for offers in (Offers.load(path, features), Offers.from_frame(frame.set_index(index), features)):
+            assert offers.n_situations == 3
+            assert sorted(offers.names) == ["size", "time"]
+    for index in ("size", None):
+        (frame.set_index("size") if index else frame[::-1]).to_parquet(path)
+        assert Offers.load(path).names == (("time",) if index else ("size", "time"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda f: pd.concat([f, f[["situation"]]], axis=1), "the column 'situation' twice"),
+        (lambda f: pd.concat([f, f[["size"]]], axis=1), "the column 'size' twice"),
+        (lambda f: f.assign(situation=[1, "1", 2, 2, 3]), "situation is 1 in row 0 and '1' in row 1"),
+        (lambda f: f.assign(situation=pd.Series([1, True, 2, 2, 3], dtype=object)), "situation is 1 in row 0 and True"),
+        (lambda f: f.assign(situation=[["a"]] * 5), "situation in row 0 is a list"),
+        (lambda f: f.assign(situation=["a", " ", "b", "b", "c"]), "situation in row 1 is empty"),
+        (lambda f: f.assign(situation=["a", None, "b", "b", "c"]), "situation in row 1 is empty"),
+        (lambda f: f.T.set_index([0, 1]).T, "not a DataFrame with one row of names"),
+        (lambda f: f.to_dict("list"), "the offers are a dict, not a DataFrame"),
+    ],
+)
+def test_frames_that_are_no_log(wrong, words):
+    """A column that is there twice, labels of two kinds, and what is no frame are one line, and no traceback."""
+    with pytest.raises(DataError, match=words) as caught:
+        Offers.from_frame(wrong(log().to_frame()))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("features", [["size", "size"], ["size", "chosen"], ["group"]])
+def test_features_that_are_asked_for_twice_or_have_a_role(tmp_path, features):
+    """A column is one feature or has one role."""
+    for make in (
+        lambda: Offers.from_frame(log().to_frame(), features),
+        lambda: Offers.load(log().save(tmp_path / "l.parquet"), features),
+    ):
+        with pytest.raises(DataError, match="asked for as a feature twice, or has another role"):
+            make()
