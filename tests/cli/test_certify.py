@@ -2,16 +2,14 @@
 
 import json
 import re
-import signal
-import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from optkit.basics.plain_json import to_json
-from optkit.cli import main
 from optkit.gap.report import gap_report
 from optkit.instances.catalogue import scenario
 from optkit.instances.storage import save_instances
@@ -22,18 +20,9 @@ SMALL = ["--set", "split=40,4,10", "--set", "horizon=15"]
 
 
 @pytest.fixture
-def certify(monkeypatch, capsys):
+def certify(optkit):
     """Run the verb in this process; return exit status, output and errors."""
-    before = signal.getsignal(signal.SIGINT)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["optkit", "certify", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return left.value.code or 0, *capsys.readouterr()
-
-    yield run
-    signal.signal(signal.SIGINT, before)
+    return partial(optkit, "certify")
 
 
 @pytest.fixture(scope="module")

@@ -1,37 +1,18 @@
 """optkit collect and optkit fit, called as a user calls them."""
 
 import json
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from optkit import scenario
-from optkit.cli import main
 from optkit.instances.splits import read_split
 from optkit.instances.storage import save_instances
 from optkit.learning.offer_log import collect
 from optkit.models.preferences.fit import fit_preferences
 from optkit.models.preferences.offers import Offers
 from optkit.policies.explore import RandomOffers
-
-
-@pytest.fixture
-def optkit(monkeypatch, capsys):
-    """Run the command line in this process; return exit status, output and errors."""
-    before = signal.getsignal(signal.SIGINT)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["optkit", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return left.value.code or 0, *capsys.readouterr()
-
-    yield run
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")
@@ -46,17 +27,13 @@ def file(log, tmp_path_factory):
     return log.save(tmp_path_factory.mktemp("log") / "offers.parquet")
 
 
-def test_collect_and_fit_in_processes_of_their_own(tmp_path):
+def test_collect_and_fit_show_what_the_library_finds(optkit, tmp_path):
     """optkit collect I.2 writes a parquet file, and optkit fit on it prints summary, parameters and identification."""
     path = tmp_path / "offers.parquet"
-    common = {"capture_output": True, "text": True, "timeout": 120, "check": False}
-    run = [sys.executable, "-c", "from optkit.cli import main; main()"]
-    done = subprocess.run([*run, "collect", "I.2", "--out", path, "--low", "0.3", "--high", "0.7"], **common)
-    assert done.returncode == 0, done.stderr
+    done = optkit("collect", "I.2", "--out", path, "--low", "0.3", "--high", "0.7", check=0)
     offers = Offers.load(path)
     assert f"{len(offers):,} offers, {offers.n_situations:,} situations, {offers.n_choices:,} choices" in done.stdout
-    done = subprocess.run([*run, "fit", path], **common)
-    assert done.returncode == 0, done.stderr
+    done = optkit("fit", path, check=0)
     for words in ("coefficients of utility / mu", "Log-Likelihood", "preferences, in money", "dropoff_4"):
         assert words in done.stdout
     assert "identification of group 0: identified" in done.stdout or "of group 0: weak" in done.stdout

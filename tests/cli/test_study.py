@@ -1,32 +1,21 @@
 """optkit study, called as a user calls it."""
 
 import json
-import signal
-import sys
+from functools import partial
 
 import pandas as pd
 import pytest
 
-from optkit.cli import main
 from optkit.studies import grids, runner
 
 SMALL = ["--set", "split=20,4,4", "--set", "horizon=12"]
 
 
 @pytest.fixture
-def study(monkeypatch, capsys):
+def study(monkeypatch, optkit):
     """Run the verb in this process, without the network; return exit status, output and errors."""
-    before = signal.getsignal(signal.SIGINT)
     monkeypatch.setattr(grids, "find_spec", lambda _: None)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["optkit", "study", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return left.value.code or 0, *capsys.readouterr()
-
-    yield run
-    signal.signal(signal.SIGINT, before)
+    return partial(optkit, "study")
 
 
 def strict(text):

@@ -2,14 +2,12 @@
 
 import importlib.util
 import re
-import signal
 import socket
 import sys
+from functools import partial
 from urllib.request import urlopen
 
 import pytest
-
-from optkit.cli import main
 
 module = sys.modules["optkit.cli.teach"]  # as an attribute of optkit.cli the name is the function
 needs_extra = pytest.mark.skipif(
@@ -19,18 +17,9 @@ needs_extra = pytest.mark.skipif(
 
 
 @pytest.fixture
-def teach(monkeypatch, capsys):
+def teach(optkit):
     """Run the verb in this process; return exit status, output and errors."""
-    before = signal.getsignal(signal.SIGINT)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["optkit", "teach", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return left.value.code or 0, *capsys.readouterr()
-
-    yield run
-    signal.signal(signal.SIGINT, before)
+    return partial(optkit, "teach")
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """optkit train and optkit evaluate, called as a user calls them."""
 
 import json
-import signal
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -13,7 +12,6 @@ import pytest
 from optkit import scenario, simulate
 from optkit.basics.errors import SolverError, TrainingError
 from optkit.bounds import full_information
-from optkit.cli import main
 from optkit.cli.evaluate import MYOPIC
 from optkit.evaluation import main_job
 from optkit.evaluation.comparison import compare
@@ -24,23 +22,6 @@ from optkit.models.value import LinearValue
 from optkit.policies import PostDecisionPricing
 
 SMALL = ["--set", "split=60,20,10"]
-RUN = [sys.executable, "-c", "from optkit.cli import main; main()"]
-COMMON = {"capture_output": True, "text": True, "timeout": 120, "check": False}
-
-
-@pytest.fixture
-def optkit(monkeypatch, capsys):
-    """Run the command line in this process; return exit status, output and errors."""
-    before = signal.getsignal(signal.SIGINT)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["optkit", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return left.value.code or 0, *capsys.readouterr()
-
-    yield run
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")
@@ -60,11 +41,10 @@ def strict(text):
     return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
-def test_train_and_evaluate_in_processes_of_their_own(tmp_path, split):
+def test_train_and_evaluate_show_what_the_library_finds(optkit, tmp_path, split):
     """optkit train writes the library's policy and shows its course; optkit evaluate shows what it earns."""
     path = tmp_path / "policy.json"
-    done = subprocess.run([*RUN, "train", "I.1", *SMALL, "--out", path], **COMMON)
-    assert done.returncode == 0, done.stderr
+    done = optkit("train", "I.1", *SMALL, "--out", path, check=0)
     expected = train(split)
     assert Trained.load(path).value.to_dict() == expected.value.to_dict()
     for row in expected.record:
@@ -73,8 +53,7 @@ def test_train_and_evaluate_in_processes_of_their_own(tmp_path, split):
     best = max(expected.record, key=lambda row: row["score"])
     assert f"chosen: seed 0, round {best['round']}: the best on validation instances" in done.stdout
     assert str(path) in done.stdout
-    done = subprocess.run([*RUN, "evaluate", path, "I.1", *SMALL], **COMMON)
-    assert done.returncode == 0, done.stderr
+    done = optkit("evaluate", path, "I.1", *SMALL, check=0)
     myopic = PostDecisionPricing(choice=expected.preferences)
     bounds = [full_information(day) for day in split.test]
     table = compare(split.test, {"myopic": myopic, "policy.json": expected.policy}, bounds).table
@@ -368,7 +347,7 @@ def test_a_missing_extra_is_one_line_that_installs_it(tmp_path):
         "main()\n"
     )
     command = [sys.executable, "-c", blocked, "train", "I.1", *SMALL, "--value", "attention"]
-    done = subprocess.run(command, cwd=tmp_path, **COMMON)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "pip install 'optkit[attention]'" in done.stderr
     assert done.stderr.count("\n") == 1

@@ -3,7 +3,6 @@
 import numpy as np
 
 from optkit.plotting.boxes import box_plot
-from optkit.plotting.files import figure_bytes
 
 
 def test_box_plot_shows_what_the_paper_shows():
@@ -16,9 +15,3 @@ def test_box_plot_shows_what_the_paper_shows():
         edges = box.get_path().vertices[:, 1]
         assert np.allclose([edges.min(), edges.max()], np.quantile(values, [0.25, 0.75]))
     assert "%" in ax.get_ylabel()
-
-
-def test_figures_are_the_same_bytes_twice():
-    """Nothing in a written figure depends on the time."""
-    first, second = (figure_bytes(box_plot({"a": [1.0, 2.0]}), kind) for kind in ("pdf", "pdf"))
-    assert first == second

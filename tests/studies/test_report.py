@@ -60,10 +60,15 @@ def small(monkeypatch):
     monkeypatch.setattr(module, "study_figures", lambda tables, trips: {})
 
 
-def test_the_same_results_give_the_same_bytes(made_up):
-    """Whatever the times and the number of calls: all files but timings.csv are equal; another result changes them."""
+def test_the_same_results_give_the_same_bytes(made_up, monkeypatch):
+    """Whenever, and however long it took: all files but timings.csv are equal; another result changes them."""
     study, run = made_up("heterogeneous")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")  # Matplotlib's clock
     first = report_files(study, run, CLAIMS)
+    today = pd.Timestamp.now()
+    for form in ("%Y-%m-%d", "%d.%m.%Y", "%d %B %Y", "%B %d, %Y"):
+        assert not [name for name in first if today.strftime(form).encode() in first[name]]
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1500000000")
     slow = {key: Stored(kept.result, 77.0) for key, kept in reversed(run.found.items())}
     again = report_files(study, StudyRun(run.cells, slow), CLAIMS)
     assert {name for name in first if first[name] != again[name]} == {"timings.csv"}
@@ -301,15 +306,16 @@ def test_every_column_has_a_heading(made_up):
             assert not [heading for heading in told.headings if "_" in heading]
 
 
-def test_a_figure_is_the_same_bytes_twice():
-    """As PNG, PDF and SVG, also when another figure was drawn in between."""
+def test_a_figure_is_the_same_bytes_at_any_time(monkeypatch):
+    """As PNG, PDF and SVG, also in another decade by Matplotlib's clock, and when another was drawn in between."""
 
-    def drawn(value):
+    def drawn(value, moment=0):
+        monkeypatch.setenv("SOURCE_DATE_EPOCH", str(moment))
         figure = new_figure(3, 2)
         figure.subplots().plot([0, value], clip_on=True)
         return figure_files("one", figure)
 
-    first, other, again = drawn(1.0), drawn(2.0), drawn(1.0)
+    first, other, again = drawn(1.0), drawn(2.0), drawn(1.0, moment=1_500_000_000)
     assert first == again
     assert all(first[name] != other[name] for name in first)
 

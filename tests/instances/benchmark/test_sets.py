@@ -24,15 +24,7 @@ from optkit.instances.benchmark.sets import (
 from optkit.instances.catalogue import scenario
 from optkit.instances.instance import Instance
 from optkit.instances.storage import load_instances, read_description, save_instances
-
-
-def optkit(*arguments, check=None):
-    """Run the command line in a process of its own; return the finished process."""
-    command = [sys.executable, "-c", "from optkit.cli import main; main()", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    if check is not None:
-        assert done.returncode == check, done.stderr
-    return done
+from tests.command_line import optkit
 
 
 def contents(folder):
