@@ -160,7 +160,7 @@ BAD = {
     "json as out": (["fit", "good.csv", "--out", "fit.json"], "give the text file's name"),
     "no folder": (["fit", "good.csv", "--out", "no/fit.txt"], "cannot be written"),
     "scenario": (["collect", "IV", "--out", "o.parquet"], "'IV' is neither a scenario"),
-    "range": (["collect", "I.1", "--out", "o.parquet", "--low", 0.9], "shares from 0.9 to 0.85"),
+    "range": (["collect", "I.1", "--out", "o.parquet", "--low", 0.9], "high = 0.85"),
     "no target": (["collect", "I.1", "--out", "no/o.parquet", "--set", "horizon=20"], "cannot be written"),
 }
 

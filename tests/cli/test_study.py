@@ -1,14 +1,19 @@
 """optkit study, called as a user calls it."""
 
 import json
+import shutil
 from functools import partial
 
 import pandas as pd
 import pytest
 
 from optkit.studies import grids, runner
+from optkit.studies.store import CellStore
+from tests import command_line
 
-SMALL = ["--set", "split=20,4,4", "--set", "horizon=12"]
+SETTINGS = {"split": (20, 4, 4), "horizon": 6}
+SMALL = ["--set", "split=20,4,4", "--set", "horizon=6"]
+FEW = ["--set", "split=6,4,2", "--set", "horizon=20"]
 
 
 @pytest.fixture
@@ -27,34 +32,40 @@ def files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "timings.csv"}
 
 
-def test_a_study_is_planned_run_and_not_run_again(study, tmp_path):
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder with a small study, what was planned before it ran, and what it told."""
+    out = tmp_path_factory.mktemp("finished")
+    common = ["study", "sensitivity", *SMALL, "--out", out, "--jobs", 1]
+    planned = command_line.optkit(*common, "--dry-run", check=0).stdout
+    assert not (out / "cells").exists()
+    return out, planned, command_line.optkit(*common, "--json", check=0).stdout
+
+
+def test_a_study_is_planned_run_and_not_run_again(study, finished):
     """Plan, results, and a second call that works nothing out and writes the same files."""
-    common = ["sensitivity", *SMALL, "--out", tmp_path, "--jobs", 1]
-    status, out, _ = study(*common, "--dry-run")
-    assert status == 0
-    assert "sensitivity: 154 cells (2 bounds, 152 perturbed), 154 to be worked out" in out
-    assert not (tmp_path / "cells").exists()
-    status, out, _ = study(*common, "--json")
-    (told,) = strict(out)
-    assert (status, told["cells"], told["fresh"], told["failed"]) == (0, 154, 154, {})
+    folder, planned, run = finished
+    common = ["sensitivity", *SMALL, "--out", folder, "--jobs", 1]
+    assert "sensitivity: 154 cells (2 bounds, 152 perturbed), 154 to be worked out" in planned
+    (told,) = strict(run)
+    assert (told["cells"], told["fresh"], told["failed"]) == (154, 154, {})
     assert {claim["result"] for claim in told["claims"]} == {2, 4}
-    first = files(tmp_path / "sensitivity")
+    first = files(folder / "sensitivity")
     assert "report.html" in first
-    assert len(pd.read_csv(tmp_path / "sensitivity" / "sensitivity.csv")) == 152
+    assert len(pd.read_csv(folder / "sensitivity" / "sensitivity.csv")) == 152
     status, out, _ = study(*common)
     assert status == 0
     assert "154 of 154 cells, 0 worked out now" in out
-    assert files(tmp_path / "sensitivity") == first
+    assert files(folder / "sensitivity") == first
     status, out, _ = study(*common, "--dry-run", "--json")
     assert strict(out)[0]["missing"] == 0
 
 
 def test_force_works_out_anew(study, tmp_path):
-    common = ["heterogeneous", *SMALL, "--out", tmp_path, "--no-gap", "--seeds", 1, "--jobs", 2]
-    _, out, _ = study(*common, "--json")
-    before = strict(out)[0]
-    _, out, _ = study(*common, "--json", "--force")
-    again = strict(out)[0]
+    """All cells again, here in one process after two: the same tables."""
+    common = ["heterogeneous", *SMALL, "--out", tmp_path, "--no-gap", "--seeds", 1, "--json"]
+    before = strict(study(*common, "--jobs", 2)[1])[0]
+    again = strict(study(*common, "--jobs", 1, "--force")[1])[0]
     assert again["fresh"] == before["fresh"] == before["cells"]
     assert again["tables"] == before["tables"]
 
@@ -70,21 +81,24 @@ def test_all_without_trips_says_what_is_left_out(study, tmp_path, monkeypatch):
     assert [plan["study"] for plan in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity"]
 
 
-def test_a_failed_cell_is_reported_and_the_status_says_so(study, tmp_path, monkeypatch):
-    work = runner.run_cell
+def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_path, monkeypatch):
+    """The cells of one draw fail, and are named; all others are there, and make the report."""
+    shutil.copytree(finished[0] / "cells", tmp_path / "cells")
+    store = CellStore(tmp_path / "cells")
+    lost = [c for c in grids.Study("sensitivity", settings=SETTINGS).cells() if c.settings.get("draw") == 3]
+    for cell in lost:
+        store.path(cell).unlink()
 
     def fail(cell, trips):
-        if cell.settings.get("draw") == 3:
-            raise ValueError("no luck")
-        return work(cell, trips)
+        raise ValueError("no luck")
 
     monkeypatch.setattr(runner, "run_cell", fail)
     status, out, err = study("sensitivity", *SMALL, "--out", tmp_path, "--jobs", 1)
     assert status == 1
     assert "failed: I.1, world 0: perturbed, epsilon 2.0, draw 3, value linear, seed 0: ValueError: no luck" in err
-    assert "139 of 154 cells" in out
+    assert len(lost) == 15
+    assert "139 of 154 cells, 0 worked out now" in out
     assert (tmp_path / "sensitivity" / "report.html").exists()
-    monkeypatch.undo()
 
 
 @pytest.mark.parametrize(
@@ -116,11 +130,16 @@ def test_bad_input_is_one_line(study, arguments, message, tmp_path):
 def test_the_paper_s_own_selection_of_trips(study, tmp_path, trip_a_minute):
     """Options reach the cells and the report's settings."""
     trips = trip_a_minute(60_000, pickups=(261, 236, 43))
-    common = ["nyc", "--trips", trips, "--mode", "mondays", "--fraction", 0.9, "--set", "split=6,4,2"]
+    common = ["nyc", "--trips", trips, "--mode", "mondays", "--fraction", 0.9, *FEW]
     status, _, _ = study(*common, "--no-gap", "--seeds", 1, "--out", tmp_path / "out", "--jobs", 1)
     told = json.loads((tmp_path / "out" / "nyc" / "report.json").read_text())
     assert status == 0
-    assert told["settings"]["changed settings"] == {"split": [6, 4, 2], "mode": "mondays", "fraction": 0.9}
+    assert told["settings"]["changed settings"] == {
+        "split": [6, 4, 2],
+        "horizon": 20,
+        "mode": "mondays",
+        "fraction": 0.9,
+    }
     status, out, _ = study("all", *common[1:], "--dry-run", "--json", "--out", tmp_path / "out")
     assert status == 0
     assert [one["study"] for one in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity", "nyc"]
@@ -129,7 +148,7 @@ def test_the_paper_s_own_selection_of_trips(study, tmp_path, trip_a_minute):
 def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path, trip_a_minute):
     """Nobody asks: what is paid for a request has no mean then."""
     trips = trip_a_minute(60_000)
-    common = ["nyc", "--trips", trips, "--fraction", 1e-9, "--set", "split=6,4,2", "--no-gap", "--seeds", 1]
+    common = ["nyc", "--trips", trips, "--fraction", 1e-9, *FEW, "--no-gap", "--seeds", 1]
     status, out, err = study(*common, "--out", tmp_path / "out", "--jobs", 1)
     assert (tmp_path / "out" / "nyc" / "report.html").exists()
     assert status == 1  # of policies that want data to learn from

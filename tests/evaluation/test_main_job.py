@@ -8,7 +8,7 @@ import pytest
 
 from optkit.basics.errors import InputError, SolverError, TrainingError
 from optkit.bounds import full_information
-from optkit.evaluation import main_job
+from optkit.evaluation import proven
 from optkit.evaluation.main_job import run_main_job
 from optkit.evaluation.results_folder import check_target, write_results
 from optkit.evaluation.verification import verify_pricing
@@ -24,7 +24,7 @@ from optkit.simulation.simulator import simulate
 @pytest.fixture(scope="module")
 def split():
     """A small split of Scenario I.1."""
-    return scenario("I.1", seed=0, split=(6, 4, 1)).split()
+    return scenario("I.1", seed=0, split=(6, 4, 1), horizon=25).split()
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def run(split):
 @pytest.fixture(scope="module")
 def groups():
     """A small split of Scenario II, with three groups of workers, and a run on it."""
-    small = scenario("II", seed=0, split=(40, 6, 5)).split()
+    small = scenario("II", seed=0, split=(40, 6, 5), horizon=30).split()
     return small, run_main_job(small, {}, verify=0, seed=3)
 
 
@@ -51,9 +51,9 @@ def test_every_stage_is_told_to_its_end(run):
     assert all(done == total for done, total in told.values())
 
 
-@pytest.fixture
-def second_fails(monkeypatch):
-    """The bound of the second test instance cannot be computed."""
+@pytest.fixture(scope="module")
+def without_second(split):
+    """A run where the bound of the second test instance cannot be computed."""
     calls = iter(range(100))
 
     def sometimes(instance):
@@ -61,21 +61,20 @@ def second_fails(monkeypatch):
             raise SolverError("hit its time limit")
         return full_information(instance)
 
-    monkeypatch.setattr(main_job, "full_information", sometimes)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(proven, "full_information", sometimes)
+        return run_main_job(split, {}, verify=0)
 
 
-@pytest.mark.usefixtures("second_fails")
-def test_an_instance_without_a_bound_is_left_out_and_named(split):
+def test_an_instance_without_a_bound_is_left_out_and_named(without_second):
     """Where a solver gives up, no bound is invented: the instance is named with the reason, the others go on."""
-    result = run_main_job(split, {}, verify=0)
-    assert result.bound_failures == {1: "hit its time limit"}
-    assert result.comparison.table["instances"].tolist() == [3] * 8
+    assert without_second.bound_failures == {1: "hit its time limit"}
+    assert without_second.comparison.table["instances"].tolist() == [3] * 8
 
 
-@pytest.mark.usefixtures("second_fails")
-def test_rows_keep_the_numbers_of_their_instances(split):
+def test_rows_keep_the_numbers_of_their_instances(split, without_second):
     """Without instance 1, the rows are those of instances 0, 2 and 3."""
-    rows = run_main_job(split, {}, verify=0).comparison.per_instance
+    rows = without_second.comparison.per_instance
     myopic = rows[rows["policy"] == "Myopic, true MNL"]
     assert myopic["instance"].tolist() == [0, 2, 3]
     assert myopic["requests"].tolist() == [split.test[i].n_requests for i in (0, 2, 3)]
@@ -83,7 +82,7 @@ def test_rows_keep_the_numbers_of_their_instances(split):
 
 def test_a_bound_that_is_not_proven_is_no_bound(split, monkeypatch):
     """A solver that claims less than its certificate proves is caught, instance by instance."""
-    monkeypatch.setattr(main_job, "full_information", lambda one: replace(full_information(one), value=-1e6))
+    monkeypatch.setattr(proven, "full_information", lambda one: replace(full_information(one), value=-1e6))
     with pytest.raises(SolverError, match="claimed"):
         run_main_job(split, {}, verify=0)
 
@@ -120,7 +119,7 @@ def test_a_policy_that_does_not_know_the_tests_is_left_out(split):
     late = replace(day, horizon=80, expiry=np.full(day.n_requests, 79), worker_step=steps)
     result = run_main_job(Split(split.train, [late], split.validation), {}, verify=0)
     assert set(result.record["not trained"]) == {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"}
-    assert all("beyond the 50 steps" in why for why in result.record["not trained"].values())
+    assert all("beyond the 25 steps" in why for why in result.record["not trained"].values())
 
 
 def test_trained_policies_are_what_they_are_called(groups):
@@ -173,7 +172,7 @@ def test_no_bound_at_all_is_an_error(split, monkeypatch):
     def never(_):
         raise SolverError("gave up")
 
-    monkeypatch.setattr(main_job, "full_information", never)
+    monkeypatch.setattr(proven, "full_information", never)
     with pytest.raises(SolverError, match="gave up"):
         run_main_job(split, {}, verify=0)
 
