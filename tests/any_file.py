@@ -20,19 +20,21 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from optkit import scenario
+from optkit import Instance, scenario, simulate, train
 from optkit.basics.errors import OptkitError
 from optkit.cli.request_table import read_requests
 from optkit.instances.new_york.trips import read_trips
 from optkit.instances.storage import load_instances, save_instances
+from optkit.learning.trained import Trained
 from optkit.models.preferences.offers import Offers
 
 Rows = list[list[str]]
@@ -476,18 +478,53 @@ READERS: dict[str, tuple[Callable[[random.Random], Rows], Callable[[Path], None]
     "trips": (trips, expect_trips),
 }
 WRITERS = {"csv": as_csv, "csv.gz": as_csv, "json": as_json, "parquet": as_parquet}
-KINDS = [f"{what} {kind}" for what in READERS for kind in WRITERS if (what, kind) != ("trips", "json")] + ["set folder"]
+TABLE_KINDS = [f"{what} {kind}" for what in READERS for kind in WRITERS if (what, kind) != ("trips", "json")]
+KINDS = [*TABLE_KINDS, "set folder", "policy json"]
 """What is tried: a reader and a format."""
 
 
 # ---- instance sets
 
 
-def valid_sets(place: Path) -> list[Path]:
-    """Two valid sets."""
+class Valid(NamedTuple):
+    """Instance sets and trained policies that are as they should be, to be spoiled in copies."""
+
+    sets: list[Path]
+    policies: list[Path]
+
+
+def valid(place: Path) -> Valid:
+    """Write two sets and two policies."""
     one = scenario("II", seed=0, horizon=8).sample(2, seed=1)
     two = scenario("I.1", seed=0, horizon=6).sample(3, seed=1)
-    return [save_instances(place / "one", one), save_instances(place / "two", [day.with_noise(1) for day in two])]
+    sets = [save_instances(place / "one", one), save_instances(place / "two", [day.with_noise(1) for day in two])]
+    days = scenario("I.1", seed=0, horizon=12).sample(12, seed=1)
+    policies = [train(days, value, choice="true").save(place / f"{value}.json") for value in ("linear", "kernel")]
+    return Valid(sets, policies)
+
+
+def odd_policy(rng: random.Random, source: Path) -> bytes:
+    """Change a policy's file; its own digest is taken out, as whoever edits it may."""
+    told = json.loads(source.read_bytes())
+    told.pop("sha256", None)
+    for _ in range(rng.choice([0, 1, 1, 1, 2])):
+        _odd_value(rng, told)
+    text = json.dumps(told)
+    if rng.random() < 0.05:
+        text = text.replace('"version":', '"version": 1, "version":', 1)
+    raw = text.encode()
+    return spoiled(rng, raw) if rng.random() < 0.1 else raw
+
+
+def expect_policy(path: Path) -> None:
+    """It prices a day, or says why it cannot."""
+    policy = Trained.load(path).policy
+    assert np.isfinite(simulate(_day(), policy).reward).all()
+
+
+@cache
+def _day() -> Instance:
+    return scenario("I.1", seed=0, horizon=12).sample(1, seed=2)[0]
 
 
 def odd_set(rng: random.Random, source: Path, folder: Path) -> None:
@@ -599,7 +636,7 @@ def _odd_value(rng: random.Random, told: dict[str, Any]) -> None:
 # ---- tries
 
 
-def attempt(seed: int, place: Path, sets: list[Path]) -> tuple[str, str]:
+def attempt(seed: int, place: Path, whole: Valid) -> tuple[str, str]:
     """Make the file of a seed and read it; return of which kind it is and what became of it.
 
     Raises
@@ -609,11 +646,12 @@ def attempt(seed: int, place: Path, sets: list[Path]) -> tuple[str, str]:
     """
     rng = random.Random(seed)
     what, kind = rng.choice(KINDS).split(" ")
-    warnings.simplefilter("ignore")
     if what == "set":
-        path = place / f"{seed}"
-        odd_set(rng, rng.choice(sets), path)
-        check = expect_set
+        path, check = place / f"{seed}", expect_set
+        odd_set(rng, rng.choice(whole.sets), path)
+    elif what == "policy":
+        path, check = place / f"{seed}.json", expect_policy
+        path.write_bytes(odd_policy(rng, rng.choice(whole.policies)))
     else:
         make, check = READERS[what]
         rows = make(rng)
@@ -634,7 +672,8 @@ def attempt(seed: int, place: Path, sets: list[Path]) -> tuple[str, str]:
         path = place / f"{seed}.{kind}"
         path.write_bytes(raw)
     try:
-        check(path)
+        with warnings.catch_warnings(action="ignore"):
+            check(path)
     except OptkitError as error:
         message = str(error)
         assert message
@@ -649,11 +688,11 @@ def main(seconds: float, first: int = 0) -> int:
     end, seed, failed = time.monotonic() + seconds, first, 0
     kept = Path("any_file_failures")
     with tempfile.TemporaryDirectory() as place:
-        sets = valid_sets(Path(place) / "sets")
+        whole = valid(Path(place) / "whole")
         while time.monotonic() < end:
             with tempfile.TemporaryDirectory(dir=place) as own:
                 try:
-                    counts[attempt(seed, Path(own), sets)] += 1
+                    counts[attempt(seed, Path(own), whole)] += 1
                 except Exception:
                     failed += 1
                     kept.mkdir(exist_ok=True)

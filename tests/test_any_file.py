@@ -5,29 +5,29 @@ from collections import Counter
 import pytest
 
 from optkit.basics.tables import cells
-from tests.any_file import KINDS, attempt, valid_sets
+from tests.any_file import KINDS, attempt, valid
 
 SEEDS = 600
 """Files tried here; ``python -m tests.any_file SECONDS`` tries more."""
 
 
 @pytest.fixture(scope="module")
-def sets(tmp_path_factory):
-    """Two instance sets that are as they should be."""
-    return valid_sets(tmp_path_factory.mktemp("sets"))
+def whole(tmp_path_factory):
+    """Instance sets and policies that are as they should be."""
+    return valid(tmp_path_factory.mktemp("whole"))
 
 
-def tried(place, sets):
+def tried(place, whole):
     """How often each kind of file was read, and how often refused."""
-    return Counter(attempt(seed, place, sets) for seed in range(SEEDS))
+    return Counter(attempt(seed, place, whole) for seed in range(SEEDS))
 
 
-def test_every_file_is_read_whole_or_refused_in_one_line(tmp_path, sets):
-    """Requests, offers, trips and instance sets, spoiled by a fixed list of seeds: no traceback, no row lost or merged.
+def test_every_file_is_read_whole_or_refused_in_one_line(tmp_path, whole):
+    """Requests, offers, trips, instance sets and policies, spoiled by fixed seeds: no traceback, no row lost or merged.
 
     Of every kind some are read and some are refused: the test is about both.
     """
-    became = tried(tmp_path, sets)
+    became = tried(tmp_path, whole)
     assert {kind for kind, _ in became} == set(KINDS)
     for kind in KINDS:
         assert min(became[kind, "read"], became[kind, "refused"]) > 0, kind
@@ -42,7 +42,7 @@ def test_every_file_is_read_whole_or_refused_in_one_line(tmp_path, sets):
     ],
     ids=["labels as numbers", "a row lost", "labels shifted"],
 )
-def test_a_reader_that_guesses_or_loses_rows_is_found(tmp_path, sets, monkeypatch, wrong):
+def test_a_reader_that_guesses_or_loses_rows_is_found(tmp_path, whole, monkeypatch, wrong):
     """What the other test passes is not passed whatever happens: three wrong readers of labels are found out."""
     right = cells.labels
 
@@ -53,4 +53,4 @@ def test_a_reader_that_guesses_or_loses_rows_is_found(tmp_path, sets, monkeypatc
 
     monkeypatch.setitem(cells.KINDS, "labels", labels)
     with pytest.raises(AssertionError):
-        tried(tmp_path, sets)
+        tried(tmp_path, whole)

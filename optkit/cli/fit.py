@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def fit(
-    table: Annotated[Path, typer.Argument(help="Offers as parquet or CSV, one row per request shown.")],
+    table: Annotated[Path, typer.Argument(help="Offers as parquet, CSV or JSON, one row per request shown.")],
     features: Annotated[str | None, typer.Option(help="Feature columns, by commas; the rest by default.")] = None,
     pooled: Annotated[bool, typer.Option(help="One model for all worker groups.")] = False,
     method: Annotated[str, typer.Option(help="choice, or accept-reject: the paper's logistic regression.")] = "choice",
@@ -34,7 +34,8 @@ def fit(
     """Estimate workers' utilities and noise scale from what they were offered and took.
 
     Columns: **situation** (the decision), **compensation**, **chosen** (0 or 1; none is 1 if all were rejected), and
-    the features. **group**, **pickup** and **dropoff** count from 0 and may be left out.
+    the features. **group**, **pickup** and **dropoff** count from 0 and may be left out. What a situation is called is
+    text: 007 and 7 are two.
     """
     from statsmodels.tools.sm_exceptions import ConvergenceWarning
 

@@ -19,7 +19,7 @@ FORMS = {"exact": True, "free": False, "clip": "clip"}
 
 
 def price(
-    table: Annotated[Path, typer.Argument(help="CSV or JSON with a row per request, columns as below.")],
+    table: Annotated[Path, typer.Argument(help="CSV, JSON or parquet with a row per request, columns as below.")],
     mu: Annotated[float, typer.Option(help="Scale of the worker's noise, in money.")] = 1.0,
     outside_utility: Annotated[float, typer.Option(help="Utility of rejecting everything, in money.")] = 0.0,
     form: Annotated[
@@ -35,7 +35,7 @@ def price(
     Columns: **utility** (money), and either **value** or **reward** with, if they apply,
     **penalty** (at most 0), **expires** (0 or 1, now) and **opportunity_cost**:
     value = reward - penalty * expires - opportunity_cost. A column **compensation** is taken as a proposal
-    of yours and certified too. A column **request** names the rows.
+    of yours and certified too. A column **request** names the rows, in text as it stands in the file.
     """
     from optkit.cli.request_table import read_requests
     from optkit.models.pricing import certify, optimal_prices

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optkit.basics.errors import DataError
+from optkit.basics.tables.read import open_table
 from optkit.instances.new_york.trips import REGIONS, manhattan_zones
 from optkit.plotting.files import new_figure
 from optkit.studies.report.drawing import Tables, bare, first_world, ink, of_new_york, of_scenario, title_of
@@ -184,10 +186,12 @@ def zone_centres(trips: Sequence[str | PathLike[str]]) -> pd.DataFrame | None:
     for path in map(Path, trips):
         file = (path if path.is_dir() else path.parent) / CENTROIDS
         try:
-            table = pd.read_csv(file)[["LocationID", "lat", "lon"]].astype(float)
-        except (OSError, ValueError, KeyError):
+            with open_table(file) as table:
+                table.need("LocationID", "lat", "lon")
+                centres = pd.DataFrame(table.columns(dict.fromkeys(("LocationID", "lat", "lon"), "numbers")))
+        except DataError:
             continue  # a figure's ornament: its absence is told in the figure
-        zones = manhattan_zones().merge(table, on="LocationID")
+        zones = manhattan_zones().merge(centres, on="LocationID")
         if len(zones):
             return zones
     return None
