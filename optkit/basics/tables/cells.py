@@ -88,6 +88,9 @@ def labels(cells: Cells) -> Column:
     """
     values = cells.values
     names = np.empty(len(values), dtype=object)
+    if isinstance(values, list) and set(map(type, values)) <= {str} and all(map(str.strip, values)):
+        names[:] = values
+        return names
     for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
         missing = value is None or (isinstance(value, float) and not np.isfinite(value))
         if missing or (isinstance(value, str) and not value.strip()):
@@ -126,14 +129,7 @@ def flags(cells: Cells) -> Column:
     DataError
         If a cell is anything else.
     """
-    values = cells.values
-    found = np.empty(len(values), dtype=np.int64)
-    for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
-        known = _FLAGS.get(str(value).strip().lower())
-        if known is None:
-            raise cells.wrong(i, ", neither 0 nor 1")
-        found[i] = known
-    return found
+    return _whole_numbers(cells, lambda text: _FLAGS.get(text.strip().lower()), ", neither 0 nor 1")
 
 
 def counts(cells: Cells) -> Column:
@@ -144,19 +140,22 @@ def counts(cells: Cells) -> Column:
     DataError
         If a cell is anything else.
     """
-    values = cells.values
-    found = np.empty(len(values), dtype=np.int64)
-    for i, value in enumerate(values.tolist() if isinstance(values, np.ndarray) else values):
-        number = -1
-        if isinstance(value, str):
-            match = _WHOLE.fullmatch(value.strip())
-            number = int(match[1]) if match and len(match[1]) < 20 else -1
-        elif isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= MOST:
-            number = int(value) if value == int(value) else -1
-        if not 0 <= number <= MOST:
-            raise cells.wrong(i, f", no whole number from 0 to {MOST:,}; count from 0 without gaps")
-        found[i] = number
-    return found
+    return _whole_numbers(cells, _count, f", no whole number from 0 to {MOST:,}; count from 0 without gaps")
+
+
+def _count(text: str) -> int | None:
+    match = _WHOLE.fullmatch(text.strip())
+    number = int(match[1]) if match and len(match[1]) < 20 else -1
+    return number if 0 <= number <= MOST else None
+
+
+def _whole_numbers(cells: Cells, parse: Callable[[str], int | None], why: str) -> Column:
+    """Return what the cells' texts say, each text read once; true is no text that says 1 unless ``parse`` says so."""
+    texts = [value if type(value) is str else str(value) for value in cells.values]
+    said = {text: parse(text) for text in set(texts)}
+    if None in said.values():
+        raise cells.wrong(next(i for i, text in enumerate(texts) if said[text] is None), why)
+    return np.array([said[text] for text in texts], dtype=np.int64)
 
 
 KINDS: dict[str, Converter] = {"labels": labels, "numbers": numbers, "flags": flags, "counts": counts}
@@ -166,7 +165,7 @@ KINDS: dict[str, Converter] = {"labels": labels, "numbers": numbers, "flags": fl
 def _parsed(values: Any) -> Column:
     """Return floats, NaN where there is no number."""
     try:
-        if all(isinstance(value, str) for value in values) and "_" not in "".join(values):
+        if set(map(type, values)) <= {str, Literal} and "_" not in "".join(values):
             return np.array(values, dtype=np.float64)
     except ValueError:
         pass
