@@ -23,7 +23,7 @@ HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 """Tells machines apart that share a disk: they give the same numbers to different processes."""
 
 
-def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
+def write_whole(path: str | os.PathLike[str], data: bytes | str, remedy: str = "") -> Path:
     """Write one file, see :func:`write_together`.
 
     Returns
@@ -38,11 +38,11 @@ def write_whole(path: str | os.PathLike[str], data: bytes | str) -> Path:
     ...     write_whole(f"{place}/note.txt", "dear diary").read_text()
     'dear diary'
     """
-    write_together({path: data})
+    write_together({path: data}, remedy)
     return Path(path)
 
 
-def write_together(contents: Mapping[str | os.PathLike[str], bytes | str]) -> None:
+def write_together(contents: Mapping[str | os.PathLike[str], bytes | str], remedy: str = "") -> None:
     """Write files, each whole or not at all, and none before all of them are on the disk.
 
     Each is written under another name beside its place, flushed, and renamed. What a link points to is replaced, not
@@ -52,6 +52,8 @@ def write_together(contents: Mapping[str | os.PathLike[str], bytes | str]) -> No
     ----------
     contents : mapping from path to bytes or str
         The folders exist. Text is written as UTF-8.
+    remedy : str
+        What to do if the disk refuses, for the message.
 
     Raises
     ------
@@ -68,7 +70,7 @@ def write_together(contents: Mapping[str | os.PathLike[str], bytes | str]) -> No
             os.replace(staging, target)
             sync_folder(target.parent)
     except OSError as error:
-        raise cannot_write(at, error) from error
+        raise cannot_write(at, error, remedy) from error
     finally:
         for staging, _ in staged:
             with suppress(OSError):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +10,6 @@ import typer
 
 from optkit.basics.errors import InputError, InstanceError, SolverError
 from optkit.basics.seeds import Stream, stream
-from optkit.basics.version import __version__
 from optkit.cli.console import print_table, progress_bar, say, say_json
 from optkit.cli.options import Json, Quiet
 from optkit.cli.output import check_file, write_rows
@@ -62,8 +59,9 @@ def bound(
 
     An instance whose solver gave up is reported with the reason and without a bound; the exit status is then 1.
     """
+    from optkit.basics.keeper import Form, KeptRows, work_key
     from optkit.basics.parallel import check_jobs, in_parallel
-    from optkit.basics.row_log import RowLog
+    from optkit.instances.digest import exact_digest
     from optkit.instances.splits import PARTS, has_parts
     from optkit.instances.storage import load_instances, read_description
 
@@ -78,14 +76,14 @@ def bound(
             f"{folder} holds the sets {', '.join(parts)}: name one of them, for example {folder / parts[-1]}"
         )
     instances = load_instances(folder)
-    description = read_description(folder)
-    asked = json.dumps([__version__, description["files"], kind, method, time_limit], sort_keys=True)
-    key = hashlib.sha256(asked.encode()).hexdigest()
-    log = RowLog(None if checkpoint is None else checkpoint / f"bounds-{key[:16]}.jsonl", key)
+    source = read_description(folder)["scenario"]
+    key = work_key(exact_digest(instances), kind, method, time_limit, source if kind == "penalised" else None)
+    form = Form("optkit bounds", 1, "a file of optkit bound --checkpoint", "choose another folder with --checkpoint")
+    log = KeptRows(None if checkpoint is None else checkpoint / f"bounds-{key[:16]}.jsonl", form, key)
     missing = log.missing(range(len(instances)))
     found = dict(log.rows)
     with progress_bar(quiet or as_json) as tell:
-        charging = _charging(folder, description["scenario"]) if kind == "penalised" and missing else None
+        charging = _charging(folder, source) if kind == "penalised" and missing else None
         hands = None if charging is None else charging.foresight.dealt(len(instances))
         tasks = [(i, instances[i], None if hands is None else hands[i]) for i in missing]
         value = None if charging is None else charging.value
@@ -95,7 +93,7 @@ def bound(
                 log.add(missing[position], row)
             found[missing[position]] = row
             tell("bounding", len(found), len(instances))
-    rows = [{"instance": i, **found[i]} for i in range(len(instances))]
+    rows = [{"instance": i, **found[i], "checked": i not in log.found} for i in range(len(instances))]
     failed = [row for row in rows if row["bound"] is None]
     if as_json:
         say_json({"folder": str(folder), "kind": kind, "bounds": rows})
@@ -180,7 +178,13 @@ def _print(folder: Path, kind: str, rows: list[dict[str, Any]], failed: list[dic
     if good:
         mean = mean_interval([row["bound"] for row in good])
         worst = max(row["gap"] for row in good)
-        say(f"mean bound {mean.mean:.4f} over {len(good)} instances; certificates checked, largest gap {worst:.1e}")
+        kept = sum(not row["checked"] for row in good)
+        proofs = (
+            f"{len(good) - kept} certificates checked, {kept} bounds kept from before"
+            if kept
+            else "certificates checked"
+        )
+        say(f"mean bound {mean.mean:.4f} over {len(good)} instances; {proofs}, largest gap {worst:.1e}")
         if kind == "penalised":
             spread = f" [{mean.low:.2f}, {mean.high:.2f}]" if len(good) > 1 else ""
             say(f"only the mean is a bound{spread}: single values may lie above or below what a policy earns")

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from optkit.basics.arrays import whole_number
 from optkit.basics.errors import InputError, SolverError
+from optkit.basics.keeper import Form, KeptRows
 from optkit.basics.parallel import check_jobs, in_parallel
 from optkit.basics.plain_json import to_json
-from optkit.basics.row_log import RowLog
 from optkit.basics.seeds import Stream, check_seed
 from optkit.basics.version import __version__
 from optkit.bounds.arrival.exact import check_limit
@@ -34,6 +34,8 @@ from optkit.simulation.simulator import Policy, simulate
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+
+ROWS = Form("optkit rows", 1, "a checkpoint of optkit certify", "choose another checkpoint")
 
 REDRAWS = 256
 """Draws of the noise where a policy must be simulated: their error is then small beside that of the instances."""
@@ -243,7 +245,7 @@ def gap_report(
         for i, (one, hand) in enumerate(zip(instances, hands, strict=True))
     ]
     key = "" if checkpoint is None else _key(tasks, foresight)
-    log = RowLog(checkpoint, key)
+    log = KeptRows(checkpoint, ROWS, key)
     missing = log.missing(range(len(tasks)))
     if progress is not None:
         progress(len(tasks) - len(missing), len(tasks))
@@ -257,6 +259,8 @@ def gap_report(
     if not kept:
         raise SolverError(f"none of {len(rows)} instances could be bounded; the first: {failures[0]}")
     told += _said(instances, kept, chosen, foresight, redraws, failures)
+    if log.found:
+        told.append(f"rows: {len(log.found)} of {len(rows)} are of {checkpoint}, proven when they were made, not again")
     return GapReport(*gap_tables(kept, list(policies), chosen, confidence), tuple(told), failures, confidence)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from optkit.basics.plain_json import sealed
 from optkit.bounds import arrival_information, full_information
 from optkit.gap import charging
 from optkit.instances.catalogue import scenario
@@ -150,9 +151,12 @@ def test_bound_goes_on_from_its_checkpoint(small, tmp_path):
     head, *lines = file.read_text().splitlines()
     kept = json.loads(lines[0])
     kept["row"]["bound"] = 12.5  # a mark
-    file.write_text("\n".join([head, json.dumps(kept)]) + "\n")
+    file.write_text("\n".join([head, json.dumps(sealed(kept))]) + "\n")
     again = json.loads(optkit(*asked, check=0).stdout)
     marked = kept["number"]
+    assert [row["checked"] for row in again["bounds"]] == [i != marked for i in range(len(again["bounds"]))]
+    every = len(again["bounds"])
+    assert f"; 0 certificates checked, {every} bounds kept from before" in optkit(*asked[:-1], check=0).stdout
     assert again["bounds"][marked]["bound"] == 12.5
     others = [i for i in range(len(first["bounds"])) if i != marked]
     assert [again["bounds"][i]["bound"] for i in others] == [first["bounds"][i]["bound"] for i in others]
@@ -161,6 +165,47 @@ def test_bound_goes_on_from_its_checkpoint(small, tmp_path):
     optkit(*failing, check=1)
     optkit(*asked, "--method", "lp", check=0)
     assert len(list((tmp_path / "kept").iterdir())) == 3
+
+
+def test_bound_takes_no_other_folders_bounds(small, tmp_path):
+    """What no table holds counts as well: one digit in the last place of it makes another checkpoint."""
+    days = load_instances(small / "validation")
+    changes = [
+        {},
+        {"mu": np.nextafter(days[0].mu, 9.0)},
+        {"outside_utility": np.nextafter(0.0, 1.0)},
+        {"outside_utility": 40.0},
+        {"horizon": days[0].horizon + 1},
+    ]
+    for number, change in enumerate(changes):
+        save_instances(tmp_path / "set", [dataclasses.replace(day, **change) for day in days], overwrite=True)
+        asked = ["bound", tmp_path / "set", "--kind", "arrival", "--json"]
+        told = json.loads(optkit(*asked, "--checkpoint", tmp_path / "kept", check=0).stdout)["bounds"]
+        assert [row["bound"] for row in told] == [row["bound"] for row in json.loads(optkit(*asked).stdout)["bounds"]]
+        assert all(row["checked"] for row in told)
+        assert len(list((tmp_path / "kept").iterdir())) == number + 1
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('{"precious": "one line, no line break"}', "is not a file of optkit bound --checkpoint, so it stays"),
+        ("{head}\n" + '{"number": 1e400, "row": {}}\n', "is damaged in line 2: remove this line"),
+        ("{head}\n" + "[" * 100_000 + "\n", "is damaged in line 2: remove this line"),
+    ],
+    ids=["foreign", "wrong", "deep"],
+)
+def test_a_checkpoint_in_the_way_is_one_line(small, tmp_path, content, said):
+    """Foreign and damaged files end in one line, and stay."""
+    asked = ["bound", small / "validation", "--checkpoint", tmp_path]
+    optkit(*asked, check=0)
+    (file,) = tmp_path.iterdir()
+    file.write_text(content.replace("{head}", file.read_text().split("\n")[0]))
+    before = file.read_bytes()
+    done = optkit(*asked, check=2)
+    assert done.stderr.startswith(f"optkit: {file} {said}")
+    assert (done.stdout, done.stderr.count("\n")) == ("", 1)
+    assert file.read_bytes() == before
 
 
 def test_price_prints_prices_and_certificates(requests_csv):

@@ -1,5 +1,8 @@
 """Outcomes kept seed by seed: found again by the same training, and by no other."""
 
+import importlib
+import json
+import linecache
 import os
 import subprocess
 import sys
@@ -9,7 +12,8 @@ import numpy as np
 import pytest
 
 from optkit import scenario, simulate
-from optkit.basics.errors import InputError, OptkitError
+from optkit.basics.errors import DataError, InputError, OptkitError
+from optkit.basics.plain_json import sealed, to_json
 from optkit.instances.instance import Instance
 from optkit.learning.checkpoints import Checkpoint
 from optkit.learning.rounds import learn_once
@@ -72,9 +76,10 @@ def test_more_seeds_go_on(tmp_path, days):
     "changes",
     [
         {"settings": {**SETTINGS, "deviations": (8.0,)}},
-        {"settings": {**SETTINGS, "discount": 0.95}},
+        {"settings": {**SETTINGS, "discount": np.nextafter(1.0, 0.0)}},
+        {"settings": {**SETTINGS, "deviations": (8.0, np.nextafter(4.0, 5.0))}},
         {"settings": {**SETTINGS, "seed": 1}},
-        {"estimator": LinearValue(ridge=2.0)},
+        {"estimator": LinearValue(ridge=np.nextafter(LinearValue().ridge, 9.0))},
         {"estimator": LinearValue(busy_knots=(0.0, 4.0))},
         {"estimator": KernelValue()},
         {"choice": "learned"},
@@ -102,22 +107,27 @@ def test_given_preferences_count(tmp_path, days):
     assert checkpoint(tmp_path, days, choice=one).key in keys
 
 
+def up(values):
+    """The next larger floats: one digit in the last place."""
+    return np.nextafter(values, np.inf)
+
+
 CHANGES = {
     "horizon": lambda day: day.horizon + 1,
     "arrival": lambda day: np.where(np.arange(day.n_requests) == 0, 0, day.arrival),
     "expiry": lambda day: np.minimum(day.expiry + 1, day.horizon - 1),
-    "reward": lambda day: day.reward + 1e-9,
-    "penalty": lambda day: day.penalty - 1e-9,
-    "features": lambda day: day.features + 1e-9,
+    "reward": lambda day: up(day.reward),
+    "penalty": lambda day: -up(-day.penalty),
+    "features": lambda day: up(day.features),
     "pickup": lambda day: day.pickup + 1,
     "dropoff": lambda day: day.dropoff + 1,
     "worker_step": lambda day: np.append(0, day.worker_step[1:]),
     "worker_group": lambda day: np.zeros_like(day.worker_group) + 1,
-    "utility": lambda day: day.utility + 1e-9,
-    "mu": lambda day: day.mu * 1.001,
-    "outside_utility": lambda day: 1e-9,
-    "noise": lambda day: day.noise + 1e-9,
-    "outside_noise": lambda day: day.outside_noise + 1e-9,
+    "utility": lambda day: up(day.utility),
+    "mu": lambda day: up(day.mu),
+    "outside_utility": lambda day: up(day.outside_utility),
+    "noise": lambda day: up(day.noise),
+    "outside_noise": lambda day: up(day.outside_noise),
 }
 
 
@@ -136,9 +146,10 @@ def test_other_instances_are_another_training(tmp_path, days, name, part):
 def test_another_process_knows_the_instances_again():
     """The digest says what instances are, not where: noise that is not realised, as in arrivals, had an address."""
     code = (
-        "from dataclasses import replace; from optkit import scenario; from optkit.instances.digest import _digest;"
+        "from dataclasses import replace; from optkit import scenario;"
+        "from optkit.instances.digest import exact_digest;"
         "day = scenario('I.2', seed=0, horizon=10).sample(1, seed=1)[0];"
-        "print(_digest([day, replace(day, noise=None, outside_noise=None)]).hex())"
+        "print(exact_digest([day, replace(day, noise=None, outside_noise=None)]).hex())"
     )
     told = {subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout for _ in range(2)}
     assert len(told) == 1
@@ -152,17 +163,62 @@ def test_who_is_for_training_counts(tmp_path, days):
     assert one.key != checkpoint(tmp_path, days, instances=days, validation=[]).key
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"\xff", None], ids=["empty", "bare", "binary", "cut"])
-def test_damaged_files_are_not_there(tmp_path, days, outcome, content):
-    """A file that cannot be read counts as none, and can be written again."""
+@pytest.mark.parametrize("cut", [0, 30, -3])
+def test_damaged_files_are_not_there(tmp_path, days, outcome, cut):
+    """A file that was cut off counts as none, and can be written again."""
     one = checkpoint(tmp_path, days)
     one.save(0, outcome)
     (name,) = os.listdir(tmp_path)
     path = tmp_path / name
-    path.write_bytes(path.read_bytes()[:-3] if content is None else content)
+    path.write_bytes(path.read_bytes()[:cut])
     assert one.load(0) is None
     one.save(0, outcome)
     assert one.load(0) is not None
+
+
+@pytest.mark.parametrize("content", [b"{}", b"\xff", b"a diary"])
+def test_what_is_not_ours_stays(tmp_path, days, outcome, content):
+    """Something else in the place of an outcome is said before the training, and stays."""
+    one = checkpoint(tmp_path, days)
+    path = tmp_path / f"{one.key}-seed-0.json"
+    path.write_bytes(content)
+    for ask in (lambda: one.load(0), lambda: one.save(0, outcome)):
+        with pytest.raises(DataError, match=r"seed-0.json is not a trained policy that optkit kept, so it stays"):
+            ask()
+    assert path.read_bytes() == content
+
+
+def test_another_release_is_named(tmp_path, days, outcome):
+    """What another release trained is not taken, nor replaced: its numbers may be others."""
+    one = checkpoint(tmp_path, days)
+    one.save(0, outcome)
+    (path,) = tmp_path.iterdir()
+    path.write_text(to_json(sealed(json.loads(path.read_text()) | {"optkit": "0.0.9"})))
+    with pytest.raises(DataError, match=r"was written by optkit 0.0.9, and this is .* choose another folder"):
+        one.load(0)
+
+
+def test_the_code_of_ones_own_value_function_counts(tmp_path, days, monkeypatch):
+    """A class that was edited since, in a file or at a prompt, is another training by the same settings."""
+
+    def key(source):
+        told = {"__name__": "prompt", "LinearValue": LinearValue}
+        exec(f"class Own(LinearValue):\n    def fit(self, experience):\n        {source}", told)
+        return checkpoint(tmp_path, days, estimator=told["Own"]()).key
+
+    assert key("return 1") == key("return 1")
+    assert key("return 1") != key("return 2")
+    monkeypatch.syspath_prepend(tmp_path)
+    keys = set()
+    for number in range(2):
+        (tmp_path / "mine.py").write_text(
+            f"from optkit.models.value import LinearValue\nSHARE = {number}\nclass Own(LinearValue):\n    pass\n"
+        )
+        sys.modules.pop("mine", None)
+        linecache.clearcache()
+        keys.add(checkpoint(tmp_path / "kept", days, estimator=importlib.import_module("mine").Own()).key)
+    monkeypatch.delitem(sys.modules, "mine")
+    assert len(keys) == 2
 
 
 def test_the_file_is_a_trained_policy(tmp_path, days, outcome):
@@ -176,7 +232,7 @@ def test_the_file_is_a_trained_policy(tmp_path, days, outcome):
 def test_a_folder_that_cannot_be_made(tmp_path, days):
     """A file where the folder should be is an OptkitError, before any work is done."""
     (tmp_path / "file").write_text("")
-    with pytest.raises(OptkitError, match="file cannot be made"):
+    with pytest.raises(OptkitError, match="file cannot be written"):
         checkpoint(tmp_path / "file", days)
 
 

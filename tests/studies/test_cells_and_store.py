@@ -1,5 +1,6 @@
 """Cells are their description; what is stored is whole, or is not there."""
 
+import hashlib
 import json
 import os
 import subprocess
@@ -7,7 +8,8 @@ import sys
 
 import pytest
 
-from optkit.basics.errors import OptkitError
+from optkit.basics.errors import DataError, OptkitError
+from optkit.basics.files import HOST
 from optkit.studies import cells
 from optkit.studies.cells import Cell
 from optkit.studies.store import CellStore, Stored
@@ -54,13 +56,11 @@ def test_a_result_comes_back_as_it_was(tmp_path):
         lambda data: data[: len(data) // 2],
         lambda data: b"",
         lambda data: data.replace(b"0.5", b"0.6"),
-        lambda data: data.replace(b"optkit cell", b"another cat"),
-        lambda data: b"[1, 2]",
         lambda data: data.replace(CELL.key.encode(), b"0" * len(CELL.key)),
     ],
 )
 def test_what_was_damaged_is_not_read(tmp_path, harm):
-    """Cut, empty, changed, foreign, or renamed from another cell."""
+    """Cut, empty, changed, or renamed from another cell."""
     store = CellStore(tmp_path)
     store.put(CELL, {"score": 0.5}, 1.0)
     path = store.path(CELL)
@@ -69,10 +69,49 @@ def test_what_was_damaged_is_not_read(tmp_path, harm):
     assert store.damaged == 1
 
 
+@pytest.mark.parametrize(
+    ("harm", "said"),
+    [
+        (lambda data: data.replace(b"optkit cell", b"another cat"), "is not a cell of a study, so it stays"),
+        (lambda data: b"[1, 2]", "is not a cell of a study, so it stays"),
+        (lambda data: data.replace(b'"version": 2', b'"version": 1'), "is of version 1, this optkit's is 2"),
+    ],
+)
+def test_what_is_not_ours_is_named_and_stays(tmp_path, harm, said):
+    """Something else in a cell's place, or a cell of another version; also when all is to be worked out anew."""
+    store = CellStore(tmp_path)
+    store.put(CELL, {"score": 0.5}, 1.0)
+    path = store.path(CELL)
+    changed = harm(path.read_bytes())
+    path.write_bytes(changed)
+    for ask in (lambda: store.get(CELL), lambda: store.put(CELL, {}, 1.0), lambda: store.forget([CELL])):
+        with pytest.raises(DataError, match=f"{said}: move it away, or choose another folder with --out"):
+            ask()
+    assert path.read_bytes() == changed
+
+
+def test_cells_of_studies_on_disk_are_still_read(tmp_path):
+    """As they were written until the digest was of all that an entry says."""
+    store, result = CellStore(tmp_path), {"reward": [0.1 + 0.2, 1e-300], "score": None}
+    digest = hashlib.sha256(json.dumps(result, sort_keys=True).encode()).hexdigest()
+    about = {"format": "optkit cell", "schema": 2, "optkit": "0.0.9", "key": CELL.key, **CELL.describe()}
+    text = json.dumps({**about, "seconds": 1.25, "sha256": digest, "result": result})
+    store.path(CELL).write_text(text)
+    assert store.get(CELL) == Stored(result, 1.25)
+    for harm in (
+        text.replace("1.25", "null"),
+        text.replace("1.25", "1e999"),
+        text.replace("e-300", "e-301"),
+        text[:-1],
+    ):
+        store.path(CELL).write_text(harm)
+        assert store.get(CELL) is None
+
+
 def test_what_a_dead_process_left_is_cleared_and_a_living_one_keeps_its_own(tmp_path):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    names = [f".abc.{dead.pid}.tmp", f".abc.{os.getpid()}.tmp"]
+    names = [f".optkit-{HOST}-{process}-0.tmp" for process in (dead.pid, os.getpid())]
     for name in names:
         (tmp_path / name).write_text("half")
     CellStore(tmp_path)
@@ -88,7 +127,7 @@ def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OptkitError, match=r"cannot be written \(No space left on device\): what is finished stays"):
+    with pytest.raises(OptkitError, match=r"cannot be written \(No space left on device\); what is finished stays"):
         store.put(other, {"score": 0.7}, 1.0)
     monkeypatch.undo()
     assert store.get(CELL) == Stored({"score": 0.5}, 1.0)
@@ -109,6 +148,6 @@ def test_a_read_only_folder_is_said_at_once(tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("optkit.studies.store.tempfile.TemporaryFile", refuse)
-    with pytest.raises(OptkitError, match=r"cells cannot be written \(Permission denied\): what is finished stays"):
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(OptkitError, match=r"cells cannot be written \(Permission denied\); what is finished stays"):
         CellStore(tmp_path / "cells")

@@ -19,7 +19,7 @@ import numpy as np
 
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.files import locked_folder, write_together
-from optkit.basics.plain_json import parse_object
+from optkit.basics.keeper import Form
 from optkit.basics.version import __version__
 from optkit.instances.benchmark.digest import DECIMALS, benchmark_digest
 from optkit.instances.catalogue import scenario
@@ -42,6 +42,15 @@ FORMAT = "optkit-benchmark"
 VERSION = 1
 SCENARIOS = ("I.1", "I.2", "I.3", "II")
 WORLDS = (0, 1, 2, 3, 4)
+
+CHECKSUMS = Form(
+    FORMAT,
+    VERSION,
+    "the CHECKSUMS.json of benchmark sets",
+    "choose another folder",
+    any_release=True,
+    is_whole=lambda about: all(isinstance(about.get(key), dict) for key in ("sets", "files")),
+)
 
 Progress = Callable[[str, int, int], None]
 
@@ -324,14 +333,9 @@ def _listed_before(folder: Path, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_checksums(path: Path) -> dict[str, Any]:
-    about = parse_object(read_bytes(path))
-    whole = about is not None and all(isinstance(about.get(key), dict) for key in ("sets", "files"))
-    if about is None or not whole or about.get("format") != FORMAT:
-        raise DataError(f"{path} is damaged, or not of benchmark sets: remove it and run optkit generate benchmark")
-    if about.get("version") != VERSION:
-        raise DataError(
-            f"{path} is of version {about.get('version')!r}, this optkit's is {VERSION}: choose a folder each"
-        )
+    about = CHECKSUMS.read(read_bytes(path), path)
+    if about is None:
+        raise DataError(f"{path} is damaged: remove it and run optkit generate benchmark")
     return about
 
 

@@ -228,7 +228,7 @@ def test_a_wrong_part_is_replaced_only_when_asked(copy, made):
     ("name", "text", "said"),
     [
         ("README.md", "# My project", r"README.md is not the datasheet, so it stays"),
-        ("CHECKSUMS.json", '{"mine": 1}', r"CHECKSUMS.json is damaged, or not of benchmark sets"),
+        ("CHECKSUMS.json", '{"mine": 1}', r"CHECKSUMS.json is not the CHECKSUMS.json of benchmark sets, so it stays"),
         ("scenario.json", "{}", r"holds one instance set"),
         ("I.2-0", "a file", r"I.2-0 is not a folder"),
     ],
