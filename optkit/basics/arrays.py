@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 import operator
 import os
+from dataclasses import fields
 from decimal import Decimal
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,7 @@ Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 Shape = tuple[int | None, ...]
 Error = type[OptkitError]
+T = TypeVar("T")
 
 EXACT = 2**53
 """Up to here every whole number is a float."""
@@ -113,7 +115,7 @@ def floats(name: str, value: Any, shape: Shape | None, *, flags: bool = False, e
     """
     array = np.array(real(name, value, flags=flags, error=error))
     check_shape(name, array, shape, error=error)
-    return _sealed(array)
+    return read_only(array)
 
 
 def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputError) -> Ints:
@@ -134,7 +136,7 @@ def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputErro
     if wrong.any():
         place = _first(wrong)
         raise error(f"{name}{_written(place)} = {array[place]:.17g} is not a whole number of moderate size")
-    return _sealed(np.array(array, dtype=np.int64))
+    return read_only(np.array(array, dtype=np.int64))
 
 
 def mask(name: str, value: Any, shape: Shape | None = None, *, error: Error = InputError) -> Bools:
@@ -251,9 +253,41 @@ def _shown(value: Any) -> str:
     return " ".join(repr(value.item() if isinstance(value, np.generic) else value).split())[:80]
 
 
-def _sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    array.flags.writeable = False
-    return array
+def read_only(value: T) -> T:
+    """Make an array read-only for good, with what it is a view of; also those of a sparse array, and of a tuple."""
+    part: Any = value
+    while isinstance(part, np.ndarray):
+        part.flags.writeable = False
+        part = part.base
+    if isinstance(value, tuple):
+        for one in value:
+            read_only(one)
+    elif hasattr(value, "indptr"):
+        read_only((value.data, value.indices, value.indptr))  # type: ignore[attr-defined]
+    return value
+
+
+class ReadOnlyArrays:
+    """Base of frozen dataclasses whose arrays nobody writes into: who looks at the world does not change it.
+
+    The arrays that it is made of stay their owner's, who may write into them. It can be pickled and copied, which makes
+    arrays writable if nobody takes care; what was worked out on demand stays behind.
+    """
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                seen = value.view()
+                seen.flags.writeable = False
+                object.__setattr__(self, field.name, seen)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            object.__setattr__(self, name, read_only(value))
 
 
 def open_table(path: str | os.PathLike[str], remedy: str) -> Table:

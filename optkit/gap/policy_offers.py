@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.basics.arrays import real
+from optkit.basics.arrays import read_only, real
 from optkit.basics.errors import PolicyError
 from optkit.bounds.arrival.policy_value import Offer
 from optkit.instances.instance import Floats, Instance, Ints
@@ -57,9 +57,7 @@ def lattice_offers(instance: Instance, policy: Policy) -> Offer:
             # All belong to the first run, of the first instance.
             nought = np.zeros(some.size, np.int64)
             seen = (nought, nought, np.full(some.size, worker), request, offered)
-            for array in seen:
-                array.flags.writeable = False
-            found = _numbers(policy(State(batch, step, *seen)), step, offered.shape)
+            found = _numbers(policy(State(batch, step, *read_only(seen))), step, offered.shape)
             paid[some[:, None], column] = np.where(offered, found, 0.0)
         return paid
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from optkit.basics import arrays
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, read_only
 from optkit.basics.errors import InstanceError
 from optkit.instances.queue import fifo_queue
 
@@ -39,7 +39,7 @@ LONGEST = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Instance:
+class Instance(ReadOnlyArrays):
     """A day of one platform: everything exogenous, and nothing that a policy decides.
 
     Arrays are copied, checked and made read-only; n requests, J workers, D worker groups, k features.
@@ -217,10 +217,7 @@ class Instance:
             p = int((~np.isfinite(data)).argmax())
             raise InstanceError(f"noise[{worker[p]}, {request[p]}] is {data[p]}: draw it again; optkit never guesses")
         starts = np.searchsorted(worker, np.arange(shape[0] + 1))
-        kept = sparse.csr_array((data, request, starts), shape=shape)
-        for part in (kept.data, kept.indices, kept.indptr):
-            part.flags.writeable = False
-        return kept
+        return read_only(sparse.csr_array((data, request, starts), shape=shape))
 
     @property
     def steps(self) -> int:
@@ -368,14 +365,6 @@ class Instance:
         from optkit.instances.frames import fields_from_frames
 
         return cls(**fields_from_frames(requests, workers, mu, outside_utility, horizon, features, queue))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and copied arrays come writable.
-        self.__dict__.update(state)
-        for value in state.values():
-            for part in [getattr(value, name, value) for name in ("data", "indices", "indptr")]:
-                if isinstance(part, np.ndarray):
-                    part.flags.writeable = False
 
     def __repr__(self) -> str:
         kind = "not realised" if self.noise is None else "sparse" if sparse.issparse(self.noise) else "dense"

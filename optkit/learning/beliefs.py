@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from optkit.basics.arrays import read_only
 from optkit.basics.errors import InputError, TrainingError
 from optkit.instances.instance import Floats
 from optkit.learning.worker_presence import presence_after
@@ -32,7 +33,7 @@ def believed_requests(batch: Batch, preferences: Preferences | None = None) -> K
         groups = np.arange(batch.groups)[:, None]
         utility = preferences.utility_of(batch.features, batch.pickup, batch.dropoff, groups)
     places = (batch.features, batch.pickup, batch.dropoff)
-    return KnownRequests(batch.reward, batch.penalty, batch.arrival, batch.expiry, utility, *places)
+    return KnownRequests(batch.reward, batch.penalty, batch.arrival, batch.expiry, read_only(utility), *places)
 
 
 def believed_workers(batch: Batch, preferences: Preferences | None = None) -> Workers:
@@ -46,7 +47,7 @@ def believed_workers(batch: Batch, preferences: Preferences | None = None) -> Wo
     else:
         mu = preferences.scale[preferences.model_of(np.arange(batch.groups))]
     within = np.arange(batch.horizon)[:, None] < np.array([one.horizon for one in batch.instances])
-    return Workers(presence_after(batch.worker_at >= 0, within), share, mu)
+    return Workers(*read_only((presence_after(batch.worker_at >= 0, within), share, mu)))
 
 
 def _outside(batch: Batch) -> Floats:
@@ -93,7 +94,7 @@ class BelievedValue:
         TrainingError
             If it returns NaN or infinity.
         """
-        waits = state.offered & (state.steps_left > 0)
+        waits = read_only(state.offered & (state.steps_left > 0))
         busy = state.busy if getattr(self.value, "sees_busy", False) else None
         sets = RequestSets(self._requests(state.batch), state.step, state.request, waits, busy)
         cost = np.asarray(self.value.opportunity_cost(sets))

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optkit.basics.arrays import floats, number, whole_number
+from optkit.basics.arrays import floats, number, read_only, whole_number
 from optkit.basics.errors import InputError, TrainingError
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.instances.scenario import Scenario, Split
@@ -294,8 +294,8 @@ class _Course:
         return Experience(
             believed_requests(batch, preferences),
             believed_workers(batch, preferences),
-            owner,
-            last,
+            read_only(owner),
+            read_only(last.copy()),
             batch.busy,
             self.settings.discount,
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import real
+from optkit.basics.arrays import read_only, real
 from optkit.basics.errors import PolicyError
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.simulation.batch import Batch
@@ -127,7 +127,7 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
         if row.size:
             state = _state(batch, step, row, instance[row], worker[row], open_[row])
             offer = _checked(policy(state), state)
-            taken = _choose(state, offer)
+            taken = read_only(_choose(state, offer))
             if observe is not None:
                 observe(state, offer, taken)
             at = np.flatnonzero(taken >= 0)
@@ -167,14 +167,11 @@ def _pack(open_: Ints) -> Ints:
 
 
 def _state(batch: Batch, step: int, row: Ints, instance: Ints, worker: Ints, open_: Ints) -> State:
+    open_ = open_[:, : int((open_ >= 0).sum(axis=1).max())]
     offered = open_ >= 0
-    width = int(offered.sum(axis=1).max())
-    offered, open_ = offered[:, :width], open_[:, :width]
     request = np.where(offered, open_, batch.request_start[-1])
     # A policy that wrote into what it sees would change the world.
-    for seen in (row, instance, worker, request, offered):
-        seen.flags.writeable = False
-    return State(batch, step, row, instance, worker, request, offered)
+    return State(batch, step, *read_only((row, instance, worker, request, offered)))
 
 
 def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
@@ -192,9 +189,7 @@ def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
             f"the policy offers {offer[b, w]} for request {request} of instance {state.instance[b]} "
             f"at step {state.step}; a compensation is a finite number >= 0"
         )
-    offer = np.where(state.offered, offer, 0.0)
-    offer.flags.writeable = False
-    return offer
+    return read_only(np.where(state.offered, offer, 0.0))
 
 
 def _choose(state: State, offer: Floats) -> Ints:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import ReadOnlyArrays, read_only
 from optkit.instances.instance import Floats, Ints
 from optkit.simulation.batch import Batch
 
@@ -16,12 +17,12 @@ Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class State:
+class State(ReadOnlyArrays):
     """b decisions at the same step of different instances, each over up to w open requests.
 
-    All arrays are read-only. Requests go along the last axis; where ``offered`` is False there is padding, and whatever
-    stands there is ignored. A policy may use everything here but ``utility``, ``mu`` and ``outside_utility``, which are
-    the workers' true preferences and belong to :class:`optkit.policies.TrueChoice`.
+    All arrays are read-only, those of the batch too. Requests go along the last axis; where ``offered`` is False there
+    is padding, and whatever stands there is ignored. A policy may use everything here but ``utility``, ``mu`` and
+    ``outside_utility``, which are the workers' true preferences and belong to :class:`optkit.policies.TrueChoice`.
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class State:
     offered: Bools
 
     def _of(self, per_request: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        return _sealed(per_request.take(self.request, axis=0))
+        return read_only(per_request.take(self.request, axis=0))
 
     @cached_property
     def reward(self) -> Floats:
@@ -80,41 +81,35 @@ class State:
     @cached_property
     def steps_left(self) -> Ints:
         """Steps after this one in which the request can still be served, (b, w)."""
-        return _sealed(self._of(self.batch.expiry) - self.step)
+        return read_only(self._of(self.batch.expiry) - self.step)
 
     @cached_property
     def expiring(self) -> Bools:
         """Whether the request expires at this step, (b, w)."""
-        return _sealed(self.offered & (self.steps_left == 0))
+        return read_only(self.offered & (self.steps_left == 0))
 
     @cached_property
     def group(self) -> Ints:
         """The worker's group, (b,)."""
-        return _sealed(self.batch.worker_group[self.worker])
+        return read_only(self.batch.worker_group[self.worker])
 
     @cached_property
     def busy(self) -> Ints:
         """For how many steps in a row, this one included, a worker has been seen, (b,)."""
-        return _sealed(self.batch.busy[self.step, self.instance])
+        return read_only(self.batch.busy[self.step, self.instance])
 
     @cached_property
     def utility(self) -> Floats:
         """True mean utility of each request to the worker, (b, w), money."""
         true = self.batch.utility
-        return _sealed(true[0].take(self.request) if len(true) == 1 else true[self.group[:, None], self.request])
+        return read_only(true[0].take(self.request) if len(true) == 1 else true[self.group[:, None], self.request])
 
     @cached_property
     def mu(self) -> Floats:
         """True noise scale of the worker, (b,), money."""
-        return _sealed(self.batch.worker_mu[self.worker])
+        return read_only(self.batch.worker_mu[self.worker])
 
     @cached_property
     def outside_utility(self) -> Floats:
         """True mean utility of rejecting, (b,), money."""
-        return _sealed(self.batch.worker_outside[self.worker])
-
-
-def _sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Make an array read-only: a policy looks at the world, and does not write into it."""
-    array.flags.writeable = False
-    return array
+        return read_only(self.batch.worker_outside[self.worker])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, Ints, floats, real, whole_number
+from optkit.basics.arrays import Floats, Ints, floats, read_only, real, whole_number
 from optkit.basics.errors import InputError
 from optkit.basics.seeds import check_count, seed_sequence
 from optkit.instances.instance import Instance, fifo_queue
@@ -125,7 +125,7 @@ class SmallModel:
                 i = int(np.argmax(broken))
                 place = f"[{i}]" if np.ndim(broken) else ""
                 raise InputError(f"{name}{place} = {np.ravel(getattr(self, name))[i]:g} {why}")
-        put("lifetime", _sealed(self.lifetime.astype(np.int64)))
+        put("lifetime", read_only(self.lifetime.astype(np.int64)))
         put("workers", _distribution("workers", floats("workers", self.workers, (None,))))
         share = np.full(D, 1.0 / D) if self.share is None else floats("share", self.share, (D,))
         put("share", _distribution("share", share))
@@ -254,9 +254,4 @@ def _distribution(name: str, p: Floats) -> Floats:
         raise InputError(f"{name}[{i}] = {p[i]:g} is a negative probability")
     if not abs(p.sum() - 1.0) <= _ROUNDING:
         raise InputError(f"{name} adds up to {p.sum():.12g}, not to 1: give the probability of every case")
-    return _sealed(p / p.sum())
-
-
-def _sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    array.flags.writeable = False
-    return array
+    return read_only(p / p.sum())

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, ReadOnlyArrays, read_only
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats, Ints
 from optkit.models.decision import Decisions
@@ -17,7 +17,7 @@ from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValu
 
 
 @dataclass(frozen=True, eq=False)
-class Workers:
+class Workers(ReadOnlyArrays):
     """What is known of the workers in advance.
 
     Attributes
@@ -38,7 +38,7 @@ class Workers:
 
 
 @dataclass(frozen=True, eq=False)
-class Experience:
+class Experience(ReadOnlyArrays):
     """Visited post-decision sets of many instances, with the requests that joined each a step later.
 
     Attributes
@@ -95,7 +95,8 @@ class Experience:
         old = (padded < N) & (self.requests.arrival[padded] <= step)
         before = self.busy[step, np.flatnonzero(has)]
         known = self.workers.presence[step + 1, np.minimum(before, self.workers.presence.shape[1] - 1)]
-        return RequestSets(self.requests, step, padded, old, before), padded < N, known
+        then = padded < N
+        return RequestSets(self.requests, step, *read_only((padded, old, before))), *read_only((then, known))
 
     def sets(self, step: int) -> RequestSets | None:
         """Visited post-decision sets of a step, b of them; None if nobody waited anywhere."""
@@ -140,11 +141,11 @@ class Experience:
         """
         sets, then, presence = self._found(step)
         open_ = RequestSets(self.requests, step + 1, sets.index, then)
-        member = then & (open_.steps_left > 0)
+        member = read_only(then & (open_.steps_left > 0))
         if not getattr(value, "sees_busy", False):
             return open_, presence, [(np.ones(len(sets)), replace(open_, member=member))]
         assert sets.busy is not None  # every visit tells it
-        waits, idle = (replace(open_, member=member, busy=busy) for busy in (sets.busy + 1, 0 * sets.busy))
+        waits, idle = (replace(open_, member=member, busy=read_only(busy)) for busy in (sets.busy + 1, 0 * sets.busy))
         return open_, presence, [(presence, waits), (1.0 - presence, idle)]
 
     def _profit(self, open_: RequestSets, cost: Floats) -> Floats:

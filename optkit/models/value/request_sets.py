@@ -10,13 +10,13 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, ReadOnlyArrays, read_only
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
-class KnownRequests:
+class KnownRequests(ReadOnlyArrays):
     """What a platform knows or believes of N requests and of the workers it may send to them.
 
     Attributes
@@ -45,19 +45,19 @@ class KnownRequests:
     @cached_property
     def surplus(self) -> Floats:
         """Reward less penalty plus utility, by group, (N, D), money: what serving gains if rejecting is the rule."""
-        return np.ascontiguousarray((self.reward - self.penalty + self.utility).T)
+        return read_only(np.ascontiguousarray((self.reward - self.penalty + self.utility).T))
 
     @cached_property
     def mean_surplus(self) -> Floats:
         """Mean surplus over the groups, (N,), money."""
-        return np.asarray(self.surplus.mean(axis=1))
+        return read_only(np.asarray(self.surplus.mean(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
-class RequestSets:
+class RequestSets(ReadOnlyArrays):
     """b sets of requests after the decision at one step, as padded rows of width w.
 
-    Every member has at least one step left.
+    Every member has at least one step left. All arrays are read-only.
 
     Attributes
     ----------
@@ -85,22 +85,22 @@ class RequestSets:
     @cached_property
     def penalty(self) -> Floats:
         """Penalties, (b, w), money, at most 0."""
-        return np.asarray(self.requests.penalty[self.index])
+        return read_only(np.asarray(self.requests.penalty[self.index]))
 
     @cached_property
     def steps_left(self) -> Floats:
         """Steps after this one in which each request can be served, (b, w)."""
-        return np.asarray(self.requests.expiry[self.index] - float(self.step))
+        return read_only(np.asarray(self.requests.expiry[self.index] - float(self.step)))
 
     @cached_property
     def mean_surplus(self) -> Floats:
         """Mean surplus over the groups, (b, w), money."""
-        return np.asarray(self.requests.mean_surplus[self.index])
+        return read_only(np.asarray(self.requests.mean_surplus[self.index]))
 
     @cached_property
     def surplus(self) -> Floats:
         """Surplus by group, (b, w, D), money."""
-        return np.asarray(self.requests.surplus[self.index])
+        return read_only(np.asarray(self.requests.surplus[self.index]))
 
     def surplus_to(self, group: int | None) -> Floats:
         """Surplus to one group, or its mean over the groups for None, (b, w), money.
@@ -119,14 +119,17 @@ class RequestSets:
 
     def rows(self, row: Ints) -> RequestSets:
         """Some of the sets."""
-        busy = None if self.busy is None else self.busy[row]
-        return RequestSets(self.requests, self.step, self.index[row], self.member[row], busy)
+        return self._some(row, self.member[row])
 
     def without(self, row: Ints, column: Ints) -> RequestSets:
         """Some of the sets, (r,), each without one of its requests, (r,)."""
-        fewer = self.rows(row)
-        fewer.member[np.arange(len(row)), column] = False  # rows() by index is a copy
-        return fewer
+        member = self.member[row]
+        member[np.arange(len(row)), column] = False
+        return self._some(row, member)
+
+    def _some(self, row: Ints, member: Bools) -> RequestSets:
+        busy = None if self.busy is None else self.busy[row]
+        return RequestSets(self.requests, self.step, *read_only((self.index[row], member, busy)))
 
 
 @runtime_checkable
