@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from optkit.models.decision import Floats
-
-Integers = npt.NDArray[np.int64]
+from optkit.basics.arrays import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class ChoiceSets:
     (array([0.5 , 0.5 , 0.25]), array([2., 4.]))
     """
 
-    start: Integers
+    start: Ints
 
     @classmethod
     def of_sizes(cls, sizes: npt.ArrayLike) -> ChoiceSets:
@@ -47,12 +45,12 @@ class ChoiceSets:
         return len(self.start) - 1
 
     @cached_property
-    def sizes(self) -> Integers:
+    def sizes(self) -> Ints:
         """Number of rows of each situation, (S,)."""
         return np.diff(self.start)
 
     @cached_property
-    def situation(self) -> Integers:
+    def situation(self) -> Ints:
         """Situation that each row belongs to, (p,)."""
         return np.repeat(np.arange(len(self)), self.sizes)
 

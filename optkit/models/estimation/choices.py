@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import InputError
-from optkit.models.decision import Bools, Floats
-from optkit.models.estimation.choice_sets import ChoiceSets, Integers
+from optkit.models.estimation.choice_sets import ChoiceSets
+from optkit.models.estimation.inputs import numbers
+from optkit.models.rows import Rows, labelled, written
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,10 @@ class ChoiceData:
         Whether an outside option of utility 0 is on offer in every situation.
     """
 
-    rows: Integers
+    rows: Ints
     sets: ChoiceSets
     labels: pd.Index
-    chosen: Integers
+    chosen: Ints
     weights: Floats | None
     offset: Floats | None
     outside: bool
@@ -52,33 +54,39 @@ class ChoiceData:
         groups: Any,
         *,
         outside: bool,
-        available: npt.ArrayLike | None = None,
+        available: Any = None,
         weights: Any = None,
-        offset: npt.ArrayLike | None = None,
+        offset: Any = None,
         name: str = "endog",
+        rows: Rows | None = None,
     ) -> ChoiceData:
-        """Check and sort; see :class:`optkit.models.estimation.ConditionalLogit` for shapes and errors."""
+        """Check and sort; see :class:`optkit.models.estimation.ConditionalLogit` for shapes and errors.
+
+        ``rows`` says what the rows are called, and so what the labels of ``weights`` stand for.
+        """
         n = len(endog)
-        codes, labels = situations(groups, n)
-        open_rows = mask_of_rows("available", available, n)
+        table = rows or Rows(n)
+        codes, labels = situations(groups, table)
+        open_rows = mask_of_rows("available", available, table)
         strange = ~((endog == 0) | (endog == 1))
+        if open_rows is not None:
+            strange &= open_rows
         if strange.any():
             row = int(strange.argmax())
-            raise InputError(
-                f"{name} is {endog[row]:g} in row {row} (situation {label(labels, codes[row])}); give 0 or 1"
-            )
+            where = f"{table.called(row)} (situation {label(labels, codes[row])})"
+            raise InputError(f"{name} is {endog[row]:g} in {where}; give 0 or 1")
         taken = np.flatnonzero(endog == 1)
         if open_rows is not None and not open_rows[taken].all():
             row = int(taken[~open_rows[taken]][0])
-            raise InputError(f"row {row} (situation {label(labels, codes[row])}) is chosen but not available")
-        _one_choice(codes, labels, taken, outside)
-        rows, sets, kept = sort_rows(codes, len(labels), open_rows)
+            raise InputError(f"{table.called(row)} (situation {label(labels, codes[row])}) is chosen but not available")
+        _one_choice(codes, labels, taken, outside, table)
+        used, sets, kept = sort_rows(codes, len(labels), open_rows)
         chosen = np.full(len(sets), -1)
-        hit = np.flatnonzero(endog[rows] == 1)
+        hit = np.flatnonzero(endog[used] == 1)
         chosen[sets.situation[hit]] = hit
-        weight = _per_situation(weights, codes, labels)
-        known = None if offset is None else finite_column("offset", offset, n, rows)
-        return cls(rows, sets, labels[kept], chosen, None if weight is None else weight[kept], known, outside)
+        weight = None if weights is None else _weights(per_situation("weights", weights, table, codes, labels), labels)
+        known = None if offset is None else finite_column("offset", offset, table, used)
+        return cls(used, sets, labels[kept], chosen, None if weight is None else weight[kept], known, outside)
 
     @property
     def rejections(self) -> float:
@@ -87,29 +95,31 @@ class ChoiceData:
         return float(rejected.sum() if self.weights is None else self.weights[rejected].sum())
 
 
-def situations(groups: Any, n: int) -> tuple[Integers, pd.Index]:
+def situations(groups: Any, rows: Rows) -> tuple[Ints, pd.Index]:
     """Return the situation of each row, (n,), and the labels in order of first appearance."""
-    if isinstance(groups, np.ndarray) and groups.ndim != 1:
-        raise InputError(f"groups has shape {groups.shape}; give one label per row")
+    shape = getattr(groups, "shape", (rows.n,))
+    if len(shape) != 1:
+        raise InputError(f"groups has shape {shape}; give one label per row")
     try:
-        series = groups if isinstance(groups, (np.ndarray, pd.Series, pd.Index)) else pd.Series(list(groups))
-        codes, labels = pd.factorize(series)
+        # A list goes through a Series: an array of it would make text of the numbers beside text.
+        plain = np.asarray(groups) if hasattr(groups, "__array__") else pd.Series(list(groups))
+        codes, labels = pd.factorize(groups if isinstance(groups, pd.Series | pd.Index) else plain)
     except TypeError as error:
         raise InputError(f"groups cannot serve as labels: {error}") from None
-    if len(codes) != n:
-        raise InputError(f"groups has {len(codes)} labels for {n} rows; give one per row")
+    if len(codes) != rows.n:
+        raise InputError(f"groups has {len(codes)} labels for {rows.n} rows; give one per row")
     if (codes < 0).any():
-        raise InputError(f"groups is missing in row {int((codes < 0).argmax())}; every row belongs to a situation")
+        row = rows.called(int((codes < 0).argmax()))
+        raise InputError(f"groups is missing in {row}; every row belongs to a situation")
     return codes, pd.Index(labels)
 
 
 def label(labels: pd.Index, place: Any) -> str:
     """Write the label of a situation as its owner would."""
-    found = labels[int(place)]
-    return repr(found.item() if isinstance(found, np.generic) else found)
+    return written(labels[int(place)])
 
 
-def sort_rows(codes: Integers, n_labels: int, available: Bools | None) -> tuple[Integers, ChoiceSets, Bools]:
+def sort_rows(codes: Ints, n_labels: int, available: Bools | None) -> tuple[Ints, ChoiceSets, Bools]:
     """Bring the available rows of each situation together.
 
     Returns the input rows, (p,), their sets, and which of the labels have a row at all, (n_labels,).
@@ -123,47 +133,109 @@ def sort_rows(codes: Integers, n_labels: int, available: Bools | None) -> tuple[
     return rows, ChoiceSets.of_sizes(sizes[sizes > 0]), sizes > 0
 
 
-def mask_of_rows(name: str, mask: npt.ArrayLike | None, n: int) -> Bools | None:
+def mask_of_rows(name: str, mask: Any, rows: Rows) -> Bools | None:
     """Return a boolean mask over the rows; None where all are True."""
     if mask is None:
         return None
     array = np.asarray(mask)
-    if array.shape != (n,) or not np.isin(array, [0, 1]).all():
-        raise InputError(f"{name}, of shape {array.shape}, is not one True or False for each of the {n} rows")
+    if array.shape != (rows.n,):
+        raise InputError(f"{name} has shape {array.shape}; give True or False for each of the {rows.n} rows")
+    if array.dtype.kind != "b":
+        allowed = bool | np.bool_ | int | float | np.integer | np.floating
+        strange = [i for i, x in enumerate(array.tolist()) if not (isinstance(x, allowed) and x in (0, 1))]
+        if strange:
+            value = written(array[strange[0]])
+            raise InputError(f"{name} is {value} in {rows.called(strange[0])}, neither True nor False")
     flags: Bools = array.astype(bool)
     return None if flags.all() else flags
 
 
-def finite_column(name: str, values: npt.ArrayLike, n: int, rows: Integers) -> Floats:
-    """Return the entries of one column in ``rows``; InputError if it does not fit or is not finite there."""
-    try:
-        column = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is not an array of numbers; give floats") from None
-    if column.shape != (n,):
-        raise InputError(f"{name} has shape {column.shape}; give one number for each of the {n} rows")
-    finite_design(column[:, None], rows, [name])
-    picked: Floats = column[rows]
+def finite_column(name: str, values: Any, rows: Rows, used: Ints) -> Floats:
+    """Return the entries of one column in the ``used`` rows; InputError if it does not fit or is not finite there."""
+    column = np.asarray(numbers(name, values))
+    if column.shape != (rows.n,):
+        raise InputError(f"{name} has shape {column.shape}; give one number for each of the {rows.n} rows")
+    finite_design(column[:, None], used, [name], rows)
+    picked: Floats = column[used]
     return picked
 
 
-def finite_design(exog: Floats, rows: Integers, names: Sequence[str]) -> None:
-    """Raise InputError, naming column and row, if the design is not finite in ``rows``."""
+def finite_design(exog: Floats, used: Ints, names: Sequence[str], rows: Rows) -> None:
+    """Raise InputError, naming column and row, if the design is not finite in the ``used`` rows."""
     good = np.abs(exog) < 1e100  # beyond, its square overflows; NaN fails too
-    if good.all() or (good := good[rows]).all():
+    if good.all() or (good := good[used]).all():
         return
     place, column = (int(i) for i in np.argwhere(~good)[0])
-    row = int(rows[place])
-    raise InputError(f"column {names[column]} is {exog[row, column]} in row {row}; give finite numbers below 1e100")
+    row = int(used[place])
+    value = f"column {names[column]} is {exog[row, column]} in {rows.called(row)}"
+    raise InputError(f"{value}; give finite numbers below 1e100")
 
 
-def _one_choice(codes: Integers, labels: pd.Index, taken: Integers, outside: bool) -> None:
+def per_situation(name: str, given: Any, rows: Rows, codes: Ints, labels: pd.Index) -> npt.NDArray[Any]:
+    """Bring what is given by row, by situation or by a situation's label to one entry per situation, (S,).
+
+    Raises
+    ------
+    InputError
+        If it fits neither the rows nor the situations, fits both but not alike, or differs within a situation.
+    """
+    n, size = len(codes), len(labels)
+    if not labelled(given):
+        array = np.asarray(given) if hasattr(given, "__array__") else _plain(name, given)
+        if array.shape not in ((n,), (size,)):
+            raise InputError(
+                f"{name} has shape {array.shape}; give one per row ({n}) or one per situation in order of "
+                f"appearance ({size})"
+            )
+        return _alike(name, array, codes, labels) if len(array) == n else array
+    if given.ndim != 1:
+        raise InputError(f"{name} has shape {given.shape}; give one column")
+    by_label, by_row = None, None
+    if rows.has(given):
+        by_row = _alike(name, np.asarray(rows.take(name, given)), codes, labels)
+    if by_row is None or n == size:  # labels of n rows are no labels of fewer situations, even if these are among them
+        place = given.index.get_indexer(labels) if given.index.is_unique else np.array([-1])
+        by_label = given.to_numpy()[place] if place.min() >= 0 else None
+    if by_label is not None and by_row is not None and not pd.Series(by_row).equals(pd.Series(by_label)):
+        raise InputError(f"{name} has labels that are those of rows and of situations; give an array of one per row")
+    found = by_label if by_row is None else by_row
+    if found is None:
+        twice = given.index[given.index.duplicated()]
+        unknown = labels[~labels.isin(given.index)]
+        why = (
+            f"has the label {written(twice[0])} twice" if len(twice) else f"has no label {written([*unknown, '?'][0])}"
+        )
+        raise InputError(f"{name} {why}; give one entry per situation, by its label, or one per row")
+    return found
+
+
+def _plain(name: str, given: Any) -> npt.NDArray[Any]:
+    try:
+        array = np.empty(len(given), dtype=object)
+        array[:] = list(given)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} has shape (); give one entry per row or per situation") from None
+    return array
+
+
+def _alike(name: str, by_row: npt.NDArray[Any], codes: Ints, labels: pd.Index) -> npt.NDArray[Any]:
+    """Return one entry per situation of what must be the same in all its rows."""
+    entry, _ = pd.factorize(by_row, use_na_sentinel=True)
+    first = np.empty(len(labels), dtype=np.int64)
+    first[codes[::-1]] = np.arange(len(codes))[::-1]
+    uneven = entry != entry[first][codes]
+    if uneven.any():
+        raise InputError(f"{name} differ within situation {label(labels, codes[uneven.argmax()])}")
+    return by_row[first]
+
+
+def _one_choice(codes: Ints, labels: pd.Index, taken: Ints, outside: bool, table: Rows) -> None:
     count = np.bincount(codes[taken], minlength=len(labels))
     if count.max() > 1:
         s = int(count.argmax())
-        rows = taken[codes[taken] == s]
+        rows = [table.called(int(row)) for row in taken[codes[taken] == s][:2]]
         raise InputError(
-            f"situation {label(labels, s)} has {count[s]} chosen alternatives (rows {rows[0]} and {rows[1]}); "
+            f"situation {label(labels, s)} has {count[s]} chosen alternatives ({rows[0]} and {rows[1]}); "
             "a situation has one choice: split it, or give it a weight"
         )
     if not outside and count.min() == 0:
@@ -173,29 +245,8 @@ def _one_choice(codes: Integers, labels: pd.Index, taken: Integers, outside: boo
         )
 
 
-def _per_situation(weights: Any, codes: Integers, labels: pd.Index) -> Floats | None:
-    """Bring weights given by row, by situation or by label to one per situation."""
-    if weights is None:
-        return None
-    n, size = len(codes), len(labels)
-    if isinstance(weights, pd.Series) and len(weights) != n:
-        weights = weights.reindex(labels)
-    try:
-        given = np.asarray(weights, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError("weights is not an array of numbers; give floats") from None
-    if given.shape not in ((n,), (size,)):
-        raise InputError(
-            f"weights has shape {given.shape}; give one per row ({n}) or one per situation in order of "
-            f"appearance ({size})"
-        )
-    weight = given
-    if len(given) == n:
-        weight = np.empty(size)
-        weight[codes] = given
-        uneven = ~((weight[codes] == given) | (np.isnan(weight[codes]) & np.isnan(given)))
-        if uneven.any():
-            raise InputError(f"weights differ within situation {label(labels, codes[uneven.argmax()])}")
+def _weights(given: npt.NDArray[Any], labels: pd.Index) -> Floats:
+    weight: Floats = np.asarray(numbers("weights", given))
     bad = ~(np.isfinite(weight) & (weight >= 0))
     if bad.any():
         s = int(bad.argmax())

@@ -8,8 +8,8 @@ from typing import NoReturn
 import numpy as np
 from scipy.linalg import qr
 
+from optkit.basics.arrays import Bools, Floats
 from optkit.basics.errors import DataError
-from optkit.models.decision import Bools, Floats
 from optkit.models.estimation.likelihood import Likelihood
 from optkit.models.estimation.separation import separating_direction, supporters
 

@@ -12,9 +12,8 @@ import pandas as pd
 from statsmodels.base.model import LikelihoodModel
 from threadpoolctl import ThreadpoolController
 
-from optkit.basics.arrays import is_finite, whole_number
+from optkit.basics.arrays import Floats, is_finite, whole_number
 from optkit.basics.errors import InputError
-from optkit.models.decision import Floats
 from optkit.models.estimation.choices import (
     ChoiceData,
     finite_column,
@@ -24,11 +23,13 @@ from optkit.models.estimation.choices import (
     sort_rows,
 )
 from optkit.models.estimation.columns import NotIdentifiedError
+from optkit.models.estimation.formulas import Made, UnknownColumnError, prepared, translated
 from optkit.models.estimation.identification import EstimationWarning, IdentificationReport, identification
-from optkit.models.estimation.inputs import numbers, penalties_of
+from optkit.models.estimation.inputs import coefficients, numbers, penalties_of
 from optkit.models.estimation.likelihood import Likelihood
 from optkit.models.estimation.optimum import covariances, find_optimum
 from optkit.models.estimation.results import ConditionalLogitResults, ConditionalLogitResultsWrapper
+from optkit.models.rows import Rows, labelled
 
 __all__ = [
     "ConditionalLogit",
@@ -45,10 +46,7 @@ def _blas() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-BY_COLUMN = ("groups", "available", "weights", "offset")
-"""Arguments that a formula's data may hold as a column."""
-
-FROM_FORMULA = {"formula", "model_spec", "design_info", "missing_idx", "_data_columns"}
+FROM_FORMULA = {"formula", "model_spec", "design_info", "missing_idx"}
 """What the formula interface of statsmodels hands to the class."""
 
 
@@ -63,7 +61,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
     endog : (n,) array_like
         1 for the chosen alternative of each situation, 0 for the others; one row per alternative.
     exog : (n, k) array_like
-        Features of the alternatives, in any units. A DataFrame gives the coefficients their names.
+        Features of the alternatives, in any units. A table of any library gives the coefficients their names.
     groups : (n,) array_like
         Label of the situation that each row belongs to: any hashable values in any order; rows of one situation need
         not be adjacent.
@@ -96,6 +94,9 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
 
     Notes
     -----
+    Whatever has an index, as pandas' Series have, is matched with ``exog`` by label, or refused; arrays and lists are
+    taken by place.
+
     ``loglike``, ``score``, ``hessian`` and ``information`` leave the penalty out. D. McFadden (1974), "Conditional
     logit analysis of qualitative choice behavior"; K. Train, Discrete Choice Methods with Simulation, 2nd ed.,
     chapter 3; ``docs/explanation/estimation.md``.
@@ -137,28 +138,42 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
                 f"missing = {missing!r} would change choice sets in silence; drop whole situations, or mark rows as "
                 "not available"
             )
+        if outside_option not in (True, False):
+            raise InputError(f"outside_option = {outside_option!r} is neither True nor False")
+        made: Made | None = kwargs.pop("_made", None)
         if unknown := sorted(set(kwargs) - FROM_FORMULA):
             raise TypeError(f"ConditionalLogit() got an unexpected keyword argument {unknown[0]!r}")
-        self._data_columns: dict[str, str] = kwargs.pop("_data_columns", {})
+        self._data_columns: dict[str, str] = {} if made is None else made.columns
+        if made is not None:
+            endog, exog = made.design(endog, exog)
         x = numbers("exog", exog)
-        if (rows := np.shape(x)[0] if np.ndim(x) else 0) != (given := np.size(endog)):
-            raise InputError(f"endog has {given} entries for the {rows} rows of exog; give one per row")
-        if not rows:
+        if (n := np.shape(x)[0] if np.ndim(x) else 0) != (given := np.size(endog)):
+            raise InputError(f"endog has {given} entries for the {n} rows of exog; give one per row")
+        if not n:
             raise InputError("there are no rows; give at least one situation")
-        # No constant is looked for: what would be one depends on the sets, and is checked with them.
         y = numbers("endog", endog)
         y = y.iloc[:, 0] if isinstance(y, pd.DataFrame) else y if isinstance(y, pd.Series) else y.ravel()
+        # A table of another library has columns, but no labels of rows.
+        rows = Rows.of(n, exog=exog, endog=endog, groups=groups, available=available, offset=offset)
+        y = rows.take("endog", y if labelled(endog) else np.asarray(y))
+        if isinstance(x, pd.DataFrame) and rows.labels is not None and not labelled(exog):
+            x = x.set_axis(rows.labels, axis=0)
+        groups, available, offset = (
+            rows.take(key, value) for key, value in (("groups", groups), ("available", available), ("offset", offset))
+        )
+        # No constant is looked for: what would be one depends on the sets, and is checked with them.
         try:
             super().__init__(y, x, missing="none", hasconst=False, **kwargs)
         except ValueError as error:
             raise InputError(f"statsmodels refuses the data: {' '.join(str(error).split())}") from error
+        self.named = isinstance(x, pd.DataFrame) or getattr(x, "name", None) is not None
         self.groups, self.outside_option = groups, bool(outside_option)
         self.available, self.weights, self.offset, self.penalty = available, weights, offset, penalty
         self._init_keys += ["groups", "outside_option", "available", "weights", "offset", "penalty"]
         self.k_params = self.exog.shape[1]
         if not self.k_params:
             raise InputError("exog has no columns; give at least one feature")
-        self.penalties = penalties_of(penalty, list(self.exog_names))
+        self.penalties = penalties_of(penalty, self.column_names)
         self._choices = ChoiceData.of(
             self.endog,
             groups,
@@ -167,8 +182,9 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             weights=weights,
             offset=offset,
             name=str(self.endog_names),
+            rows=rows,
         )
-        finite_design(self.exog, self._choices.rows, list(self.exog_names))
+        finite_design(self.exog, self._choices.rows, self.column_names, rows)
         self._data_attr += ["groups", "available", "weights", "offset", "_choices", "likelihood"]
         self.nobs = self.likelihood.total
         self.df_model = float(self.k_params)
@@ -176,55 +192,70 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
 
     @classmethod
     def from_formula(
-        cls, formula: Any, data: Any, subset: Any = None, drop_cols: Any = None, *args: Any, **kwargs: Any
+        cls,
+        formula: Any,
+        data: Any,
+        subset: Any = None,
+        drop_cols: Any = None,
+        groups: Any = None,
+        outside_option: bool = False,
+        **kwargs: Any,
     ) -> ConditionalLogit:
-        """Create the model from a formula; write ``0 +`` unless an outside option gives the intercept a meaning.
+        """Create the model from a formula.
+
+        Without an outside option no intercept means anything: a formula's is left out, and the first level of a
+        categorical variable is the base of the others, whether or not the formula says ``0 +``.
 
         Parameters
         ----------
         formula : str
-            As in statsmodels: ``"choice ~ 0 + price + C(brand)"``.
-        data : pandas.DataFrame
-            ``groups``, ``available``, ``weights`` and ``offset`` may be names of its columns.
+            As in statsmodels: ``"choice ~ price + C(brand)"``. Text and categories have one effect per level.
+        data : DataFrame
+            ``groups``, ``available``, ``weights`` and ``offset`` may be names of its columns. Rows that are not
+            available may hold anything, and nothing.
         subset : array_like, optional
             Index labels, or a boolean mask, of the rows to use.
         drop_cols : list of str, optional
             Columns to leave out of the design.
-        *args, **kwargs
-            As for the class.
+        groups, outside_option, **kwargs
+            As for the class; what has labels is matched with those of ``data``.
 
         Returns
         -------
         ConditionalLogit
+
+        Raises
+        ------
+        InputError
+            If the formula does not fit the data, or a column is missing; and as for the class.
         """
-        if subset is not None:
-            data = data.loc[subset]
-        names = {key: kwargs[key] for key in BY_COLUMN if isinstance(kwargs.get(key), str)}
-        for key, column in names.items():
-            if column not in data:
-                raise InputError(f"{key} = {column!r} is not a column of the data")
-            kwargs[key] = data[column]
+        given = {"groups": groups} | {key: kwargs.pop(key, None) for key in ("available", "weights", "offset")}
+        if unknown := sorted(set(kwargs) - {"penalty", "missing", "eval_env"}):
+            raise TypeError(f"from_formula() got an unexpected keyword argument {unknown[0]!r}")
         # statsmodels counts stack frames to find the variables of a formula; this method is one more.
-        depth = kwargs.get("eval_env")
+        depth = kwargs.pop("eval_env", None)
         if depth is None or (isinstance(depth, int) and depth >= 0):
-            kwargs["eval_env"] = 2 if depth is None else depth + 1
-        kwargs.setdefault("missing", "raise")
-        left = str(formula).split("~")[0].strip()
-        if left in data and data[left].dtype == bool:  # a formula would make two columns of it
-            data = data.assign(**{left: data[left].astype(float)})
-        try:
-            model: ConditionalLogit = super().from_formula(
-                formula, data, None, drop_cols, *args, _data_columns=names, **kwargs
-            )
-        except Exception as error:
-            origin = getattr(error, "origin", None)  # where patsy puts the variable in question
-            engine = type(error).__module__.partition(".")[0] in ("patsy", "formulaic")
-            if isinstance(error, InputError) or not (engine or isinstance(error, ValueError)):
-                raise
-            where = f" ({origin.relevant_code()})" if origin is not None else ""
-            words = getattr(error, "message", None) or str(error)
-            raise InputError(f"the formula does not fit the data{where}: {' '.join(words.split())}") from error
+            depth = 2 if depth is None else depth + 1
+        made, table, given = prepared(formula, data, subset, drop_cols, given, outside_option, depth)
+        kwargs = {"missing": "raise"} | kwargs | given | {"outside_option": outside_option, "eval_env": depth}
+        # With an intercept, which is then left out, categories are coded against a base.
+        ways = [formula] if outside_option or not isinstance(formula, str) else [f"{formula} + 1", formula]
+        for way in ways:
+            try:
+                model: ConditionalLogit = super().from_formula(way, table, None, None, _made=made, **kwargs)
+                break
+            except UnknownColumnError:  # perhaps one of those that the formula has as it is written
+                if way is ways[-1]:
+                    raise
+            except Exception as error:
+                raise translated(error, formula, table) from error
+        model.formula = formula
         return model
+
+    @property
+    def column_names(self) -> list[str]:
+        """Names of the columns as text, for messages, (k,)."""
+        return [str(name) for name in self.exog_names]
 
     @cached_property
     def likelihood(self) -> Likelihood:
@@ -241,21 +272,24 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         """Labels of the situations, in order of first appearance, (S,)."""
         return self._choices.labels
 
+    def _checked(self, params: Any) -> Floats:
+        return coefficients("params", params, self.column_names)
+
     def loglike(self, params: npt.ArrayLike) -> float:
         """Return the log-likelihood, without the penalty."""
-        return self.likelihood.value(np.asarray(params, dtype=float))
+        return self.likelihood.value(self._checked(params))
 
     def score(self, params: npt.ArrayLike) -> Floats:
         """Return the gradient of ``loglike``, (k,)."""
-        return self.likelihood.slopes(*self.likelihood.at(np.asarray(params, dtype=float))).gradient
+        return self.likelihood.slopes(*self.likelihood.at(self._checked(params))).gradient
 
     def score_obs(self, params: npt.ArrayLike) -> Floats:
         """Return the gradient of each informative situation, weights not counted, (S, k)."""
-        return self.likelihood.scores(self.likelihood.at(np.asarray(params, dtype=float))[0])
+        return self.likelihood.scores(self.likelihood.at(self._checked(params))[0])
 
     def information(self, params: npt.ArrayLike) -> Floats:
         """Return the Fisher information, (k, k); observed and expected are the same."""
-        return self.likelihood.slopes(*self.likelihood.at(np.asarray(params, dtype=float))).information
+        return self.likelihood.slopes(*self.likelihood.at(self._checked(params))).information
 
     def hessian(self, params: npt.ArrayLike) -> Floats:
         """Return the second derivatives of ``loglike``, (k, k)."""
@@ -274,20 +308,23 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         Without ``exog``, those of the model's own rows. With an outside option a situation's sum is below 1.
         """
         if exog is None:
-            x, rows, sets, known = np.asarray(self.exog), self._choices.rows, self._choices.sets, self._choices.offset
+            x, used, sets, known = np.asarray(self.exog), self._choices.rows, self._choices.sets, self._choices.offset
         else:
             x = np.asarray(numbers("exog", exog))
             if x.ndim != 2 or x.shape[1] != self.k_params:
-                raise InputError(f"exog has shape {x.shape}; give one column for each of {', '.join(self.exog_names)}")
+                names = ", ".join(self.column_names)
+                raise InputError(f"exog has shape {x.shape}; give one column for each of {names}")
             if groups is None:
                 raise InputError("groups is missing; give the label of the situation that each row belongs to")
-            codes, labels = situations(groups, len(x))
-            rows, sets, _ = sort_rows(codes, len(labels), mask_of_rows("available", available, len(x)))
-            finite_design(x, rows, list(self.exog_names))
-            known = None if offset is None else finite_column("offset", offset, len(x), rows)
-        index = x.take(rows, axis=0) @ np.asarray(params, dtype=float)
+            rows = Rows.of(len(x), exog=exog, groups=groups, available=available, offset=offset)
+            codes, labels = situations(rows.take("groups", groups), rows)
+            open_rows = mask_of_rows("available", rows.take("available", available), rows)
+            used, sets, _ = sort_rows(codes, len(labels), open_rows)
+            finite_design(x, used, self.column_names, rows)
+            known = None if offset is None else finite_column("offset", rows.take("offset", offset), rows, used)
+        index = x.take(used, axis=0) @ self._checked(params)
         probability = np.zeros(len(x))
-        probability[rows] = sets.shares(index if known is None else index + known, self.outside_option)[0]
+        probability[used] = sets.shares(index if known is None else index + known, self.outside_option)[0]
         return probability
 
     def fit(
@@ -343,14 +380,12 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         if not (is_finite(tol) and tol >= 0):
             raise InputError(f"tol = {tol} is not a number of at least 0; give a distance in standard errors")
         k, likelihood = self.k_params, self.likelihood
-        start = np.zeros(k) if start_params is None else np.asarray(start_params, dtype=float)
-        if start.shape != (k,) or not np.isfinite(start).all():
-            raise InputError(f"start_params has shape {start.shape}; give {k} finite numbers")
+        start = np.zeros(k) if start_params is None else coefficients("start_params", start_params, self.column_names)
         # The matrices are tall and thin: a second BLAS thread costs two to three times what it saves.
         with _blas().limit(limits=1, user_api="blas"):
             optimum = find_optimum(
                 likelihood,
-                list(self.exog_names),
+                self.column_names,
                 self.penalties,
                 self.rejections,
                 start,

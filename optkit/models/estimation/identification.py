@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from optkit.models.decision import Floats
+from optkit.basics.arrays import Floats
 from optkit.models.estimation.columns import (
     NotIdentifiedError,
     check_columns,
@@ -104,7 +104,7 @@ def identification(fitted: Any) -> IdentificationReport:
     ('not identified', {'level': 1.0, 'pay': 0.0}, 'no situation chose the outside option')
     """
     model = getattr(fitted, "model", fitted)
-    likelihood, names = model.likelihood, list(model.exog_names)
+    likelihood, names = model.likelihood, model.column_names
     problem: NotIdentifiedError | None = None
     share, terms = likelihood.equal_shares()
     free = np.ones(len(names), bool)

@@ -1,40 +1,112 @@
-"""Arguments of an estimator: numbers with their names, and penalties."""
+"""Arguments of an estimator: numbers with the names of their columns, and what goes by those names."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from optkit.basics.arrays import Floats, real
 from optkit.basics.errors import InputError
-from optkit.models.decision import Floats
+from optkit.models.frames import frame_of
+from optkit.models.rows import labelled
+
+REMEDY = "give floats; effects of categories, one each, are C(...) in from_formula"
 
 
 def numbers(name: str, x: Any) -> Any:
-    """Return floats: a DataFrame or Series stays one, so that statsmodels finds its names."""
-    try:
-        if isinstance(x, pd.DataFrame):
-            for column in x.columns[[dtype != np.float64 for dtype in x.dtypes]]:
-                name = f"column {column}"
-                x = x.assign(**{column: x[column].astype(float)})
+    """Return floats, NaN where one is missing: a DataFrame or Series stays one, so that statsmodels finds its names.
+
+    Raises
+    ------
+    InputError
+        For text, also such that looks like numbers, categories, dates and complex numbers.
+    """
+    x = frame_of(name, x)
+    if isinstance(x, pd.DataFrame):
+        wrong = [c for c, dtype in enumerate(x.dtypes) if dtype != np.float64]
+        if not wrong:
             return x
-        return x.astype(float) if isinstance(x, pd.Series) else np.asarray(x, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} does not hold numbers; give floats, or use from_formula with C(...)") from None
+        columns = {c: x.iloc[:, c] for c in range(x.shape[1])}
+        columns |= {c: _floats(f"column {x.columns[c]}", columns[c]) for c in wrong}
+        return pd.DataFrame(columns, index=x.index).set_axis(x.columns, axis=1)
+    if isinstance(x, pd.Series):
+        return _floats(name, x)
+    try:
+        return real(name, x, accept="any", flags=True)
+    except InputError as error:
+        raise InputError(f"{name} does not hold numbers ({error}); {REMEDY}") from None
+
+
+def _floats(name: str, column: Any) -> Any:
+    kind = column.dtype
+    if pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_complex_dtype(kind):
+        values = column.to_numpy(dtype=float, na_value=np.nan)
+    elif pd.api.types.is_object_dtype(kind):
+        try:
+            values = real("", column.where(column.notna(), None).to_numpy(), accept="any", flags=True)
+        except InputError:
+            row = next(i for i, value in enumerate(column) if not _number(value))
+            raise InputError(f"{name} does not hold numbers ({column.iloc[row]!r} in row {row}); {REMEDY}") from None
+    else:
+        raise InputError(f"{name} does not hold numbers ({kind}); {REMEDY}")
+    return pd.Series(values, index=column.index, name=column.name)
+
+
+def _number(value: Any) -> bool:
+    try:
+        real("", [value], accept="any", flags=True)
+    except InputError:
+        return False
+    return True
+
+
+def by_name(name: str, values: Any, names: Sequence[str], default: float | None = None) -> Any:
+    """Return one entry for each name: of a dict or a Series those of its keys, of all else what it holds.
+
+    Raises
+    ------
+    InputError
+        If a key is no name, or a name without ``default`` is no key.
+    """
+    if not (isinstance(values, Mapping) or labelled(values)):
+        return values
+    if values is not None and not isinstance(values, Mapping):
+        if not values.index.is_unique or getattr(values, "ndim", 1) != 1:
+            raise InputError(f"{name} names a column twice; give one number for each of {', '.join(names)}")
+        values = values.to_dict()
+    given = {str(key): value for key, value in values.items()}
+    unknown = [key for key in given if key not in names]
+    if unknown:
+        raise InputError(f"{name} names {unknown[0]!r}; the columns are {', '.join(names)}")
+    missing = [one for one in names if one not in given]
+    if missing and default is None:
+        raise InputError(f"{name} has nothing for {missing[0]}; the columns are {', '.join(names)}")
+    return [given.get(one, default) for one in names]
+
+
+def coefficients(name: str, values: Any, names: Sequence[str]) -> Floats:
+    """Return one finite number for each column, (k,), in the order of the columns.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    array: Floats = np.asarray(numbers(name, by_name(name, values, names)))
+    if array.shape != (len(names),) or not np.isfinite(array).all():
+        raise InputError(f"{name}, of shape {array.shape}, is not {len(names)} finite numbers, one for each column")
+    return array
 
 
 def penalties_of(penalty: Any, names: list[str]) -> Floats:
-    """Return the L2 penalty of each column, (k,), from a number, a sequence or a dict by name."""
-    if isinstance(penalty, Mapping):
-        unknown = [key for key in penalty if key not in names]
-        if unknown:
-            raise InputError(f"penalty names {unknown[0]!r}; the columns are {', '.join(names)}")
-        penalty = [penalty.get(name, 0.0) for name in names]
+    """Return the L2 penalty of each column, (k,), from a number, a sequence, or a dict or Series by name."""
+    given = numbers("penalty", by_name("penalty", penalty, names, default=0.0))
     try:
-        full: Floats = np.array(np.broadcast_to(np.asarray(penalty, dtype=float), len(names)))
-    except (TypeError, ValueError):
+        full: Floats = np.array(np.broadcast_to(np.asarray(given), len(names)))
+    except ValueError:
         raise InputError(f"penalty is not a number, or one for each of the {len(names)} columns") from None
     bad = ~(np.isfinite(full) & (full >= 0))
     if bad.any():

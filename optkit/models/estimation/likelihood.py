@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpotrf
 
-from optkit.models.decision import Bools, Floats
+from optkit.basics.arrays import Bools, Floats
 from optkit.models.estimation.choice_sets import ChoiceSets
 from optkit.models.estimation.choices import ChoiceData
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from optkit.models.decision import Floats
+from optkit.basics.arrays import Floats
 from optkit.models.estimation.likelihood import Likelihood, Slopes
 
 PROVEN = 0.25

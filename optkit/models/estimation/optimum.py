@@ -10,8 +10,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError, SolverError
-from optkit.models.decision import Floats
 from optkit.models.estimation.columns import (
     NotIdentifiedError,
     check_columns,

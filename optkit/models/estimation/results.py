@@ -12,10 +12,15 @@ from statsmodels.base.model import LikelihoodModelResults, LikelihoodResultsWrap
 from statsmodels.base.wrapper import populate_wrapper
 from statsmodels.iolib.summary import Summary
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
-from optkit.models.decision import Floats
+from optkit.models.estimation.choices import mask_of_rows
+from optkit.models.estimation.formulas import column_of, evaluated
 from optkit.models.estimation.identification import IdentificationReport, identification
+from optkit.models.estimation.inputs import numbers
 from optkit.models.estimation.newton import Optimum
+from optkit.models.frames import frame_of
+from optkit.models.rows import Rows, labelled
 
 
 class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
@@ -29,8 +34,8 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
     llf : float
         Log-likelihood at the estimate, without the penalty.
     llnull : float
-        Log-likelihood at coefficients of 0: equal shares of all available alternatives, the outside option included.
-        It is not that of a model with alternative-specific constants.
+        Log-likelihood at coefficients of 0: equal shares of all available alternatives, the outside option included,
+        or with an offset the shares by the offset alone. It is not that of a model with alternative-specific constants.
     llr, llr_pvalue : float
         Likelihood ratio statistic against ``llnull``, and its chi-squared p-value.
     prsquared, prsquared_adj : float
@@ -111,19 +116,27 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         """Report what the data can tell; see :func:`optkit.models.estimation.identification.identification`."""
         return identification(self)
 
-    def predict(self, exog: Any = None, transform: bool = True, *args: Any, **kwargs: Any) -> Any:
+    def predict(
+        self,
+        exog: Any = None,
+        transform: bool = True,
+        groups: Any = None,
+        available: Any = None,
+        offset: Any = None,
+    ) -> Any:
         """Choice probabilities.
 
         Parameters
         ----------
         exog : (m, k) array_like or DataFrame, optional
             New alternatives; by default the model's own rows. For a model from a formula, a DataFrame with the
-            formula's variables. Columns of a DataFrame are matched by name if the model has names.
+            formula's variables. Columns of a table of any library are matched by name if the model has names.
         transform : bool
             Whether to pass ``exog`` through the model's formula, if it has one.
-        *args, **kwargs
-            ``groups`` (needed with ``exog``), ``available`` and ``offset``, one entry per row. For a model from a
-            formula they are taken from the columns of ``exog`` that held them when it was fitted.
+        groups, available, offset : (m,) array_like, optional
+            As for the model, one entry per row; ``groups`` is needed with ``exog``. What has an index is matched with
+            ``exog`` by label. For a model from a formula they are taken from the columns of ``exog`` that held them
+            when it was fitted.
 
         Returns
         -------
@@ -137,19 +150,45 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
             If columns are missing, shapes do not fit, or an entry is not finite.
         """
         if exog is None:
-            fitted, labels = self.fittedvalues, self.model.data.row_labels
-            return fitted if labels is None else pd.Series(fitted, index=labels)
-        if isinstance(exog, pd.DataFrame):
-            for position, key in enumerate(("groups", "available", "offset")):
-                column = self.model._data_columns.get(key)
-                if column in exog and len(args) <= position:
-                    kwargs.setdefault(key, exog[column])
-            if not hasattr(self.model, "formula") and self.model.data.row_labels is not None:
-                missing = [name for name in self.model.exog_names if name not in exog]
-                if missing:
-                    raise InputError(f"exog has no column {missing[0]}; the model has one")
-                exog = exog[self.model.exog_names]
-        return super().predict(exog, transform, *args, **kwargs)
+            fitted, index = self.fittedvalues, self.model.data.row_labels
+            return fitted if index is None else pd.Series(fitted, index=index)
+        by_formula = transform and hasattr(self.model, "formula")
+        named = frame_of("exog", exog)
+        row = isinstance(exog, pd.Series) and self.model.k_params > 1
+        index = exog.index if labelled(exog) and not row else None
+        given = {"groups": groups, "available": available, "offset": offset}
+        if isinstance(named, pd.DataFrame):
+            for key, column in self.model._data_columns.items():
+                if key in given and given[key] is None and (column in named or key == "offset"):
+                    given[key] = column_of(named, key, column, "exog")
+        if not by_formula:
+            x = self._columns(named)
+            rows = Rows(len(x), index, "exog")
+        else:
+            if not isinstance(named, pd.DataFrame):
+                raise InputError(f"exog is a {type(exog).__name__}; the model has a formula: give a DataFrame")
+            rows = Rows(len(named), index, "exog")
+            mask = mask_of_rows("available", rows.take("available", given["available"]), rows)
+            x = evaluated(self, named, np.arange(len(named)) if mask is None else np.flatnonzero(mask))
+        frame = pd.DataFrame(x, index=index)
+        probability = self.model.predict(self.params, x if index is None else frame, **given)
+        return probability if index is None else pd.Series(probability, index=index)
+
+    def _columns(self, x: Any) -> Any:
+        """Return the model's columns of new alternatives, (m, k): by name where both have names."""
+        names = self.model.column_names
+        if isinstance(x, pd.Series) and len(names) > 1:
+            x = x.to_frame().T  # one alternative
+        if isinstance(x, pd.DataFrame):
+            place = {str(name): i for i, name in enumerate(x.columns)}
+            if self.model.named or set(names) <= set(place):
+                if missing := [name for name in names if name not in place]:
+                    raise InputError(f"exog has no column {missing[0]}; it has {', '.join(place)}")
+                x = x.iloc[:, [place[name] for name in names]]
+        array = np.asarray(numbers("exog", x))
+        if array.ndim == 1:
+            array = array[:, None] if len(names) == 1 else array[None, :]
+        return array
 
     def summary(
         self, yname: str | None = None, xname: list[str] | None = None, title: str | None = None, alpha: float = 0.05
@@ -192,7 +231,8 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         heading = title or "Conditional Logit Regression Results"
         table.add_table_2cols(self, gleft=left, gright=right, yname=yname, xname=xname, title=heading)
         table.add_table_params(self, yname=yname, xname=xname, alpha=alpha, use_t=self.use_t)
-        notes = ["LL-Null: equal shares of all alternatives (coefficients of 0)."]
+        null = "equal shares of all alternatives" if model.offset is None else "shares by the offset alone"
+        notes = [f"LL-Null: {null} (coefficients of 0)."]
         if model.penalties.any():
             notes.append("Penalised: estimates are shrunk; standard errors are conditional on the penalty.")
         if not self.converged:

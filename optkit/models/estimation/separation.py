@@ -6,8 +6,8 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_array, eye_array, hstack
 
+from optkit.basics.arrays import Bools, Floats
 from optkit.basics.errors import SolverError
-from optkit.models.decision import Bools, Floats
 from optkit.models.estimation.likelihood import Likelihood
 
 SUPPORT = 1e-6

@@ -15,6 +15,7 @@ import numpy as np
 
 from optkit.basics.arrays import Floats, Ints, count, floats, ints, open_table
 from optkit.basics.errors import DataError, InputError, OptkitError
+from optkit.models.rows import Rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +24,7 @@ SCHEMA = 1
 """Version of the file that :meth:`Offers.save` writes."""
 
 _WHOLE = ("situation", "group", "pickup", "dropoff")
+_COLUMNS = ("situation", "group", "features", "pickup", "dropoff", "compensation", "chosen")
 _ROLES = {
     "situation": "labels",
     "group": "counts",
@@ -76,6 +78,10 @@ class Offers:
     def __post_init__(self) -> None:
         try:
             m = count("situation", self.situation)
+            given = {name: getattr(self, name) for name in _COLUMNS}
+            rows = Rows.of(m, **given)
+            for name, column in given.items():
+                object.__setattr__(self, name, rows.take(name, column))
             for name in _WHOLE:
                 object.__setattr__(self, name, ints(name, getattr(self, name), (m,)))
             chosen = floats("chosen", self.chosen, (m,), flags=True)
@@ -131,8 +137,7 @@ class Offers:
 
     def take(self, rows: Any) -> Offers:
         """Return some of the rows, by mask or by index."""
-        columns = ("situation", "group", "features", "pickup", "dropoff", "compensation", "chosen")
-        return Offers(**{name: getattr(self, name)[rows] for name in columns}, names=self.names)
+        return Offers(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=self.names)
 
     @classmethod
     def join(cls, parts: Sequence[Offers]) -> Offers:
@@ -166,14 +171,14 @@ class Offers:
         return pd.concat([left, features, right], axis=1)
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, features: Sequence[str] | None = None) -> Offers:
+    def from_frame(cls, frame: Any, features: Sequence[str] | None = None) -> Offers:
         """Build a log from a table.
 
         Parameters
         ----------
         frame : DataFrame
-            With ``situation`` (numbers or names), ``compensation``, ``chosen`` and the features; ``group``, ``pickup``
-            and ``dropoff`` are 0 if they are missing.
+            Of any library, with ``situation`` (numbers or names), ``compensation``, ``chosen`` and the features;
+            ``group``, ``pickup`` and ``dropoff`` are 0 if they are missing.
         features : sequence of str, optional
             The columns that are features; all that have no other role by default.
 
@@ -184,6 +189,13 @@ class Offers:
         """
         import pandas as pd
 
+        from optkit.models.frames import frame_of
+
+        if not isinstance(frame, pd.DataFrame | dict):
+            try:
+                frame = frame_of("the table of offers", frame)
+            except InputError as error:
+                raise DataError(str(error)) from None
         if not isinstance(frame, pd.DataFrame) or frame.columns.nlevels > 1:
             raise DataError(f"the offers are a {type(frame).__name__}, not a DataFrame with one row of names")
         double = frame.columns[frame.columns.duplicated()]

@@ -45,7 +45,7 @@ def frame(x, row, value):
         (lambda y, x, g: (changed(y, 5, 2.0), x, g), r"y is 2 in row 5 \(situation 's1'\); give 0 or 1"),
         (
             lambda y, x, g: (changed(y, [6, 7, 8], 1.0), x, g),
-            r"situation 's2' has 3 chosen alternatives \(rows 6 and 7\)",
+            r"situation 's2' has 3 chosen alternatives \(row 6 and row 7\)",
         ),
         (
             lambda y, x, g: (changed(y, [6, 7, 8], 0.0), x, g),
@@ -59,7 +59,7 @@ def frame(x, row, value):
         (lambda y, x, g: (y[1:], x, g), "endog has 179 entries for the 180 rows"),
         (lambda y, x, g: (y, x[[]], g), "exog has no columns"),
         (lambda y, x, g: ([], np.ones((0, 2)), []), "no rows"),
-        (lambda y, x, g: (pd.Series(y, index=range(1, 181)), x, g), "statsmodels refuses the data"),
+        (lambda y, x, g: (pd.Series(y, index=range(1, 181)), x, g), "row 0 is called 0 in exog and 1 in endog"),
     ],
 )
 def test_malformed_data_are_refused(build, words):
@@ -76,14 +76,14 @@ def test_malformed_data_are_refused(build, words):
         ({"weights": changed(np.ones(180), 9, 2.0)}, "weights differ within situation 's3'"),
         ({"weights": 2.0}, "weights has shape"),
         ({"weights": np.ones(7)}, "one per row .180. or one per situation"),
-        ({"weights": pd.Series(1.0, index=["s0", "s1"])}, "weight of situation 's2' is nan"),
+        ({"weights": pd.Series(1.0, index=["s0", "s1"])}, "weights has no label 's2'"),
         ({"weights": np.zeros(SITUATIONS)}, "all weights are 0"),
-        ({"weights": ["a"] * 180}, "weights is not an array of numbers"),
+        ({"weights": ["a"] * 180}, "weights does not hold numbers"),
         ({"available": np.zeros(180, bool)}, "chosen but not available"),
-        ({"available": [True]}, "available, of shape .1,., is not one True or False"),
+        ({"available": [True]}, "available has shape .1,.; give True or False for each of the 180 rows"),
         ({"offset": np.ones(3)}, "offset has shape .3,."),
         ({"offset": changed(np.ones(180), 2, np.nan)}, "column offset is nan in row 2"),
-        ({"offset": ["a"] * 180}, "offset is not an array of numbers"),
+        ({"offset": ["a"] * 180}, "offset does not hold numbers"),
         ({"penalty": -1.0}, "penalty of pay is -1"),
         ({"penalty": [1.0, np.inf]}, "penalty of time is inf"),
         ({"penalty": {"wage": 1.0}}, "penalty names 'wage'; the columns are pay, time"),
