@@ -12,8 +12,8 @@ import tempfile
 import traceback
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from test_pages import FENCE, LOOSE, Checker, blocks, commands, shell
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.documents.test_pages import FENCE, LOOSE, Checker, blocks, commands, shell
 
 
 def kept(wanted: str, got: str) -> str:

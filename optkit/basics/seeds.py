@@ -42,6 +42,8 @@ class Stream(IntEnum):
     """Instances that these arrivals are drawn from; the world's seed."""
     BELIEFS = 11
     """Errors of perturbed preferences; the number of the draw."""
+    PROCESS_TESTS = 12
+    """Days that a report's process is tested by; the report's seed."""
 
 
 def stream(seed: int, name: Stream, *numbers: int) -> np.random.SeedSequence:

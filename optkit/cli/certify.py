@@ -109,7 +109,7 @@ def certify(
         say_json({"source": source, **report.to_dict()})
     else:
         say(f"{source}: {len(report.rows)} test instances", *report.summary().split("\n"))
-    if report.failures:
+    if report.failures or report.refused:
         raise typer.Exit(1)
 
 

@@ -12,7 +12,7 @@ from optkit.basics.errors import InputError
 from optkit.bounds import Bound
 from optkit.instances.instance import Floats, Instance
 from optkit.simulation.batch import Batch
-from optkit.simulation.metrics import mean_interval, performance_ratio
+from optkit.simulation.metrics import check_finite, mean_interval, performance_ratio
 from optkit.simulation.simulator import Policy, simulate
 
 if TYPE_CHECKING:
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Comparison:
     """How policies fared, instance by instance and in the mean.
+
+    Intervals and deviations of one instance are NaN, and a ratio is ``-inf`` where nothing can be gained and the policy
+    loses; all else is finite.
 
     Attributes
     ----------
@@ -37,6 +40,13 @@ class Comparison:
 
     per_instance: pd.DataFrame
     table: pd.DataFrame
+
+    def __post_init__(self) -> None:
+        check_finite("comparison", self.per_instance, ["ratio"])
+        spread = ["std", "low", "high", "difference_low", "difference_high"]
+        alone = self.table["instances"] == 1
+        check_finite("comparison", self.table[alone], spread)
+        check_finite("comparison", self.table[~alone])
 
     def ratios(self) -> dict[str, Floats]:
         """Performance ratios by policy, each (B,), in per cent."""

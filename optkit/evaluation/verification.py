@@ -15,6 +15,7 @@ from optkit.models.pricing import certify, optimal_prices
 from optkit.models.pricing_program import PricingProgram
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
+from optkit.simulation.metrics import check_finite
 from optkit.simulation.simulator import simulate
 from optkit.simulation.state import State
 
@@ -51,6 +52,11 @@ class Verification:
     worst_profit: float
     worst_probability: float
     failures: list[str]
+
+    def __post_init__(self) -> None:
+        import pandas as pd
+
+        check_finite("verification", pd.DataFrame([asdict(self)]))
 
     @property
     def holds(self) -> bool:
@@ -132,7 +138,7 @@ def verify_pricing(
         mu, outside = pricing.choice.mu(state), pricing.choice.outside_utility(state)
         proof = certify(offer, value, utility, mu, outside_utility=outside, offered=state.offered)
         certified += int(proof.optimal.sum())
-        worst_gap = max(worst_gap, float((proof.gap / (mu + np.abs(proof.bound))).max()))
+        worst_gap = float(np.maximum(worst_gap, (proof.gap / (mu + np.abs(proof.bound))).max()))  # keeps NaN
         for b, shown in enumerate(state.offered):
             visited.append(_Decision(value[b, shown], utility[b, shown], float(mu[b]), float(outside[b])))
 

@@ -19,7 +19,6 @@ from optkit.basics.seeds import Stream, stream
 from optkit.bounds.penalised.foresight import LONGEST, Foresight, fifo_presence
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
-from optkit.instances.queue import busy_steps
 from optkit.instances.scenario import Scenario
 from optkit.learning.training import train
 from optkit.models.value import LinearValue
@@ -198,32 +197,6 @@ def worker_charging(
         f"value function: trained on {len(instances)} other instances",
     )
     return Charging(fitted.value, foresight, fitted.policy, told)
-
-
-def presence_score(instances: Sequence[Instance], foresight: Foresight) -> float:
-    """How many standard deviations more workers were seen than the distribution foretells, from step to step.
-
-    A number beyond about 4 either way says that it is not the distribution of these instances.
-
-    Examples
-    --------
-    >>> from optkit import scenario
-    >>> days = scenario("I.2", seed=0).sample(50, seed=1)
-    >>> abs(presence_score(days, Foresight(fifo_presence(0.5), np.ones(1)))) < 4
-    True
-    >>> presence_score(days, Foresight(fifo_presence(0.8), np.ones(1))) < -4
-    True
-    """
-    more = spread = 0.0
-    for one in instances:
-        seen = np.zeros(one.steps, bool)
-        seen[one.worker_step] = True
-        stretch = np.concatenate([[0], busy_steps(seen[:, None])[:-1, 0]])
-        p = foresight.presence[np.minimum(stretch, foresight.presence.size - 1)]
-        more, spread = more + float((seen - p).sum()), spread + float((p * (1.0 - p)).sum())
-    if spread == 0.0:
-        return 0.0 if more == 0.0 else float(np.copysign(np.inf, more))
-    return more / float(np.sqrt(spread))
 
 
 def _bare(instance: Instance) -> Instance:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from optkit.basics.arrays import whole_number
 from optkit.basics.errors import InputError, SolverError
@@ -18,7 +21,9 @@ from optkit.basics.version import __version__
 from optkit.bounds.arrival.exact import check_limit
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.penalized import LIMIT
-from optkit.gap.charging import presence_score, scenario_charging
+from optkit.gap.charge_tests import charge_test
+from optkit.gap.charging import scenario_charging
+from optkit.gap.process_tests import process_tests
 from optkit.gap.rows import BOUND_KINDS, GapTask, Kind, gap_row
 from optkit.gap.tables import gap_tables
 from optkit.instances.digest import exact_digest
@@ -29,6 +34,7 @@ from optkit.learning.beliefs import BelievedValue
 from optkit.models.value.request_sets import SetValue
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
+from optkit.simulation.metrics import check_finite
 from optkit.simulation.simulator import Policy, simulate
 
 if TYPE_CHECKING:
@@ -36,6 +42,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ROWS = Form("optkit rows", 1, "a checkpoint of optkit certify", "choose another checkpoint")
+
+NOTES = {
+    "money": "mean less the luck of the arrivals, as far as the best policy's charges tell it (a control variate); "
+    "of gaps to the penalised bound, with what the policy was charged",
+    "raw_money": "plain mean of the rows",
+}
+"""What the columns of money are, for who reads the plain data."""
+
+POINTS = ("points", "half_width", "points_low", "points_high", "claim")
+"""Columns that are NaN where nothing can be gained."""
+
+SPREADS = (
+    *("money_half_width", "raw_half_width", "half_width", "charge_half_width", "money_low", "money_high"),
+    *("points_low", "points_high", "claim", "claim_money"),
+)
+"""Columns that are NaN for one instance."""
 
 REDRAWS = 256
 """Draws of the noise where a policy must be simulated: their error is then small beside that of the instances."""
@@ -45,29 +67,36 @@ REDRAWS = 256
 class GapReport:
     """How far policies are from optimal.
 
+    All numbers are finite but for these, which are NaN: half-widths, ends of intervals and claims of one instance;
+    points where nothing can be gained; ``smallest`` where no policy's value is exact.
+
     Attributes
     ----------
     bounds : DataFrame
         One row per bound, loosest first: ``kind``; its mean in ``money`` an instance and ``money_half_width``, without
-        the luck of these arrivals as far as the best policy's charges tell it; ``points`` of full information on these
-        instances (100 is the full-information bound, 0 what is earned if all requests expire) and ``half_width``; mean
-        ``seconds`` an instance; the largest ``certificate_gap`` and ``residual`` of all certificates (money);
-        ``methods``.
+        the luck of these arrivals as far as the best policy's charges tell it (a control variate; without a penalised
+        bound there are no charges); ``raw_money`` and ``raw_half_width``, the plain mean of the rows; ``points`` of
+        full information on these instances (100 is the full-information bound, 0 what is earned if all requests expire)
+        and ``half_width``; mean ``seconds`` an instance; the largest ``certificate_gap`` and ``residual`` of all
+        certificates (money); ``methods``.
     policies : DataFrame
-        One row per policy, the same four figures; ``charge`` and ``charge_half_width``, whose mean must be zero within
+        One row per policy, the same six figures; ``charge`` and ``charge_half_width``, whose mean must be zero within
         its error; on how many instances it is ``exact``.
     gaps : DataFrame
         One row per policy and bound: ``money``, ``points``, each with ``_low`` and ``_high``, and ``claim`` (points)
         with ``claim_money``: with the report's confidence, the policy is at most so far from optimal (one-sided);
-        ``smallest``, the gap on the worst path where both are exact.
+        ``raw_money``, the plain mean of bound less reward, to which the penalised bound's ``money`` adds what the
+        policy was charged; ``smallest``, the gap on the worst path where both are exact.
     rows : DataFrame
-        One row per instance.
+        One row per instance: what the plain means are made of.
     assumptions : tuple of str
         What the numbers rest on.
     failures : dict
         By instance, why a bound could not be proven; these are left out.
     confidence : float
         Of all intervals and claims.
+    refused : tuple of str
+        Why there is no penalised bound though it was asked for: what the instances contradict.
     """
 
     bounds: pd.DataFrame
@@ -77,6 +106,12 @@ class GapReport:
     assumptions: tuple[str, ...]
     failures: dict[int, str]
     confidence: float
+    refused: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        points = [*POINTS] if self.gaps["points"].isna().all() else []
+        for name in ("bounds", "policies", "gaps", "rows"):
+            check_finite(name, getattr(self, name), ["smallest", *points, *(SPREADS if len(self.rows) == 1 else [])])
 
     @property
     def best_bound(self) -> str:
@@ -107,31 +142,15 @@ class GapReport:
         row = self.gap(policy)
         if len(self.rows) < 2:
             return f"{row['policy']}: one instance allows no claim"
-        return (
-            f"with {100 * self.confidence:g} % confidence, {row['policy']} is at most {row['claim']:.2f} points "
-            f"({row['claim_money']:.2f} money an instance) from optimal"
-        )
+        money = f"{row['claim_money']:.2f} money an instance"
+        far = f"{row['claim']:.2f} points ({money})" if isfinite(row["claim"]) else money
+        return f"with {100 * self.confidence:g} % confidence, {row['policy']} is at most {far} from optimal"
 
     def summary(self) -> str:
         """Return the report as text."""
-        wide = max(len(str(name)) for name in (*self.bounds["kind"], *self.policies["policy"], "policy"))
-        lines = [f"{'':{wide}s}   points of full information      money an instance"]
-        for frame, name in ((self.bounds, "kind"), (self.policies, "policy")):
-            for _, row in frame.iterrows():
-                points = f"{row['points']:8.2f} ± {row['half_width']:.2f}"
-                lines.append(
-                    f"{row[name]:{wide}s}   {points:26s}   {row['money']:9.2f} ± {row['money_half_width']:.2f}"
-                )
-        lines.append("")
-        for _, row in self.gaps[self.gaps["bound"] == self.best_bound].iterrows():
-            interval = f"[{row['points_low']:.2f}, {row['points_high']:.2f}]"
-            lines.append(f"gap of {row['policy']} to {row['bound']}: {row['points']:.2f} points {interval}")
-            lines.append(f"  {self.claim(row['policy'])}")
-        worst = self.bounds["certificate_gap"].max(), self.bounds["residual"].max()
-        lines.append(f"certificates: all checked, largest gap {worst[0]:.1e}, largest residual {worst[1]:.1e} (money)")
-        lines += [f"assumed: {told}" for told in self.assumptions]
-        lines += [f"instance {i} is left out: {why}" for i, why in self.failures.items()]
-        return "\n".join(lines)
+        from optkit.gap.summary import report_text
+
+        return report_text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the per-instance rows, as plain data."""
@@ -140,7 +159,9 @@ class GapReport:
             **tables,
             "best": {"bound": self.best_bound, "policy": self.best_policy, "claim": self.claim()},
             "instances": len(self.rows),
+            "notes": NOTES,
             "assumptions": list(self.assumptions),
+            "refused": list(self.refused),
             "failures": self.failures,
             "confidence": self.confidence,
         }
@@ -163,12 +184,17 @@ def gap_report(
     redraws: int = REDRAWS,
     confidence: float = 0.95,
     assumptions: Sequence[str] = (),
+    known_process: bool = False,
     seed: int = 0,
     n_jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
     checkpoint: str | Path | None = None,
 ) -> GapReport:
     """Measure how far policies are from optimal, against upper bounds whose certificates are checked.
+
+    A penalised bound holds for one process, that of ``value`` and ``foresight``. Whether the instances come from it is
+    tested on them (:mod:`optkit.gap.process_tests`); where they contradict it there is no penalised bound, and
+    :attr:`GapReport.refused` says why.
 
     Parameters
     ----------
@@ -193,8 +219,11 @@ def gap_report(
         Of intervals and claims.
     assumptions : sequence of str
         What you take for granted of the instances, to stand in the report.
+    known_process : bool
+        Whether the instances are known to be drawn from the process of the foresight: then it is not tested before,
+        only by what policies are charged. A scenario's own instances are.
     seed : int
-        Of the arrivals that might have come, and of the noise.
+        Of the arrivals that might have come, of the noise, and of the tests.
     n_jobs : int
         Processes, 0 for one per core; the numbers do not depend on it.
     progress : callable, optional
@@ -231,12 +260,18 @@ def gap_report(
         told.insert(0, f"instances: the {len(instances)} of the test split of {source.name}, world {source.seed}")
         if value is None and foresight is None and (kinds is None or "penalised" in chosen_kinds(kinds)):
             charging = scenario_charging(source)
-            value, foresight = charging.value, charging.foresight
+            value, foresight, known_process = charging.value, charging.foresight, True
             told += charging.assumptions
     else:
         instances = list(source)
     chosen = _checked(instances, policies, value, foresight, kinds, limit, redraws, confidence, seed)
     jobs = check_jobs(n_jobs)
+    refused: list[str] = []
+    if "penalised" in chosen and foresight is not None and not known_process:
+        refused, tested = process_tests(instances, foresight, seed)
+        told += tested
+        if refused:
+            chosen, value, foresight = tuple(kind for kind in chosen if kind != "penalised"), None, None
     shared = {"policies": dict(policies), "kinds": chosen, "value": value}
     sizes = {"limit": limit, "redraws": redraws, "seed": seed}
     hands = [None] * len(instances) if foresight is None else foresight.dealt(len(instances))
@@ -258,10 +293,17 @@ def gap_report(
     kept = {i: row for i, row in rows.items() if "error" not in row}
     if not kept:
         raise SolverError(f"none of {len(rows)} instances could be bounded; the first: {failures[0]}")
-    told += _said(instances, kept, chosen, foresight, redraws, failures)
+    if "penalised" in chosen:
+        charges = charge_test(kept, list(policies))
+        if charges.contradicted:
+            refused.append(f"{charges.told}, beyond its error: the process is not the one that was assumed")
+            chosen = tuple(kind for kind in chosen if kind != "penalised")
+    told += _said(instances, kept, chosen, redraws, failures)
     if log.found:
         told.append(f"rows: {len(log.found)} of {len(rows)} are of {checkpoint}, proven when they were made, not again")
-    return GapReport(*gap_tables(kept, list(policies), chosen, confidence), tuple(told), failures, confidence)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused when the report is made
+        tables = gap_tables(kept, list(policies), chosen, confidence)
+    return GapReport(*tables, tuple(told), failures, confidence, tuple(refused))
 
 
 def chosen_kinds(kinds: Sequence[str]) -> tuple[Kind, ...]:
@@ -347,7 +389,6 @@ def _said(
     instances: Sequence[Instance],
     kept: Mapping[int, dict[str, Any]],
     kinds: Sequence[str],
-    foresight: Foresight | None,
     redraws: int,
     failures: Mapping[int, str],
 ) -> list[str]:
@@ -361,16 +402,11 @@ def _said(
     drawn = sum(one.noise is None for one in instances)
     if drawn:
         told.append(f"noise: drawn here for {drawn} instances, for the full-information bound")
-    if "penalised" in kinds and foresight is not None:
+    if "penalised" in kinds:
         told.append(
-            "money: without the luck of the arrivals, as far as the best policy's charges tell it; points: with it"
+            "money: without the luck of the arrivals, as far as the best policy's charges tell it, a control variate; "
+            "raw: the plain mean of the rows; points: with the luck"
         )
-        score = presence_score(instances, foresight)
-        told.append(
-            f"workers: {abs(score):.1f} standard errors {'more' if score > 0 else 'fewer'} were seen than foretold"
-        )
-        if abs(score) > 4:
-            told.append("WARNING: workers do not come as was assumed, so the penalised bound need not hold")
     if failures:
         told.append(f"WARNING: {len(failures)} instances without a proven bound are left out, which may bias the means")
     told.append("intervals: instances are taken to be independent draws; Student's, by the delta method for points")

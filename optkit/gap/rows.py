@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from optkit.basics.arrays import Bools
-from optkit.basics.errors import SolverError
+from optkit.basics.errors import PolicyError, SolverError
 from optkit.basics.seeds import Stream, stream
 from optkit.bounds import Bound, arrival_information, full_information
 from optkit.bounds.arrival.lattice import lattice_bits, stages
@@ -91,7 +91,7 @@ def gap_row(task: GapTask) -> dict[str, Any]:
     Raises
     ------
     PolicyError
-        If a policy's offer is not feasible.
+        If a policy's offer is not feasible, or what it pays adds up to more than a number can hold.
     SolverError
         If a policy earns more than a bound that holds on each path.
 
@@ -133,7 +133,8 @@ def gap_row(task: GapTask) -> dict[str, Any]:
         return {**row, "error": str(error)}
     policies = {}
     for name, policy in task.policies.items():
-        policies[name] = _evaluate(task, instance, policy, charged)
+        with np.errstate(over="ignore", invalid="ignore"):
+            policies[name] = _evaluate(task, instance, policy, charged)
         _must_hold(task.number, name, policies[name], bounds)
     return {**row, "bounds": bounds, "policies": policies}
 
@@ -204,7 +205,12 @@ def _asked_once(offer: Offer) -> tuple[Offer, Offer]:
 
 
 def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mapping[str, Any]) -> None:
-    """Raise a SolverError if an exact value exceeds a bound that holds on every path."""
+    """Raise a PolicyError if a value is no number, a SolverError if an exact one exceeds a bound of every path."""
+    if not np.isfinite([policy["reward"], policy["charge"]]).all():
+        raise PolicyError(
+            f"instance {number}: what {name} pays adds up to more than a number can hold; "
+            "a compensation is an amount of moderate size"
+        )
     if not policy["exact"]:
         return
     for kind, bound in bounds.items():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,9 @@ from scipy import stats
 from optkit.basics.arrays import real
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, total_penalty: npt.ArrayLike) -> Floats:
@@ -134,3 +139,38 @@ def mean_interval(
     std = float(x.std(ddof=1))
     half = float(stats.t.ppf(0.5 + confidence / 2, x.size - 1) * std / np.sqrt(x.size))
     return MeanInterval(mean, std, mean - half, mean + half, x.size)
+
+
+def check_finite(what: str, table: pd.DataFrame, unknown: Collection[str] = ()) -> None:
+    """Refuse a result that holds NaN or infinity: nobody could tell what it claims.
+
+    Every result of :mod:`optkit.gap` and :mod:`optkit.evaluation` goes through here when it is made.
+
+    Parameters
+    ----------
+    what : str
+        What the table is, in words.
+    table : DataFrame
+        Its columns of numbers are looked at.
+    unknown : collection of str
+        Columns whose entries may be lacking, as the result's own docstring says.
+
+    Raises
+    ------
+    InputError
+        That names the first entry.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> check_finite("gaps", pd.DataFrame({"money": [1.0, 2.0], "claim": [0.5, float("nan")]}), ["claim"])
+    """
+    for name, column in table.items():
+        if name in unknown or column.dtype.kind != "f" or np.isfinite(column.to_numpy()).all():
+            continue
+        row = int((~np.isfinite(column.to_numpy())).argmax())
+        whose = next((f" of {table[label].iloc[row]}" for label in ("policy", "kind") if label in table), "")
+        raise InputError(
+            f"{what}: {name}{whose} comes to {column.iloc[row]}: amounts are too large to be added up; "
+            "look at the policy's offers and the instances' rewards, or take a larger unit of money"
+        )

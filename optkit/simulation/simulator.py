@@ -91,7 +91,8 @@ def simulate(
     Raises
     ------
     PolicyError
-        If the policy returns the wrong shape, NaN, infinity or a negative compensation.
+        If the policy returns the wrong shape, NaN, infinity or a negative compensation, or pays more in all than a
+        number can hold.
     InputError, InstanceError
         If the instances do not fit together or have no noise.
 
@@ -135,7 +136,8 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
             j = state.worker[at] - batch.worker_start[state.instance[at]]
             accepted[row[at], j] = request - batch.request_start[state.instance[at]]
             paid[row[at], j] = pay
-            margin[row[at]] += batch.reward[request] - pay
+            with np.errstate(over="ignore"):
+                margin[row[at]] += batch.reward[request] - pay
             open_[row[at], taken[at]] = -1
         over = (open_ >= 0) & (batch.expiry.take(open_, mode="wrap") == step)
         r, w = np.nonzero(over)
@@ -144,6 +146,12 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
             penalty += np.bincount(r, batch.penalty[request], minlength=R)
             expired[r, request - batch.request_start[instance[r]]] = True
             open_[over] = -1
+    if not np.isfinite(margin).all():
+        lost = int((~np.isfinite(margin)).argmax())
+        raise PolicyError(
+            f"what the policy pays in instance {instance[lost]} adds up to more than a number can hold; "
+            "a compensation is an amount of moderate size"
+        )
     return Simulation(margin + penalty, margin, penalty, accepted, paid, expired)
 
 

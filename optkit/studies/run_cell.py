@@ -231,6 +231,7 @@ def _gap(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
         value=charging.value,
         foresight=charging.foresight,
         assumptions=charging.assumptions,
+        known_process=True,
     )
     told = report.to_dict()
     for row in told["bounds"]:

@@ -9,7 +9,7 @@ from optkit.bounds.arrival.lattice import stages
 from optkit.bounds.bound import prove
 from optkit.bounds.fluid.bound import FluidModel
 from optkit.bounds.penalised.foresight import Foresight
-from optkit.gap.charging import presence_score
+from optkit.gap.worker_tests import worker_test
 from optkit.policies import PostDecisionPricing
 
 
@@ -29,10 +29,10 @@ def long_day():
         lambda day: simulate(day, PostDecisionPricing()),
         lambda day: FluidModel.from_instances([day]),
         lambda day: Foresight([0.5], [1.0]).of_workers(day),
-        lambda day: presence_score([day], Foresight([0.5], [1.0])),
+        lambda day: worker_test([day], Foresight([0.5], [1.0])),
         lambda day: stages(day, every_step=True),
     ],
-    ids=["simulation", "fluid", "foresight", "presence", "lattice"],
+    ids=["simulation", "fluid", "foresight", "worker test", "lattice"],
 )
 def test_what_goes_by_steps_is_refused_before_any_memory_is_taken(long_day, by_steps):
     """One line that names the horizon and the likely mistake, not gigabytes of zeros."""

@@ -6,7 +6,7 @@ import pytest
 
 from optkit import scenario
 from optkit.basics.errors import InputError
-from optkit.gap.charging import Charging, charging_value, presence_score, scenario_charging, worker_charging
+from optkit.gap.charging import Charging, charging_value, scenario_charging, worker_charging
 from optkit.instances.catalogue import scenario_of, worker_settings
 from optkit.instances.new_york.trip_scenario import TripScenario, trip_scenario
 from optkit.instances.new_york.trips import Trips
@@ -98,21 +98,6 @@ def test_held_out_instances(weeks):
         held_out(weeks, 3)
     with pytest.raises(InputError, match="count"):
         held_out(SMALL, -1)
-
-
-def test_presence_is_scored_by_the_right_distribution():
-    """Standard scores of many samples have mean 0 and deviation 1; a day without workers and without chance is 0."""
-    from optkit.bounds.penalised.foresight import Foresight, fifo_presence
-
-    right = Foresight(fifo_presence(0.5), np.ones(1))
-    source = scenario("I.1", seed=0, request_rate=0.01)
-    scores = [presence_score(source.sample(8, seed=seed), right) for seed in range(60)]
-    # Four standard errors of a mean and of a deviation of 60 scores.
-    assert abs(np.mean(scores)) < 4 / np.sqrt(60)
-    assert 0.6 < np.std(scores) < 1.4
-    never = Foresight(np.zeros(1), np.ones(1))
-    assert presence_score(scenario("I.1", seed=0, worker_rate=0).sample(2, seed=0), never) == 0.0
-    assert presence_score(source.sample(2, seed=0), never) == np.inf
 
 
 def test_the_estimator_has_a_term_for_each_group():

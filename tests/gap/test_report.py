@@ -7,10 +7,12 @@ import pytest
 from optkit import scenario
 from optkit.basics.errors import InputError, PolicyError, SolverError
 from optkit.bounds import full_information
+from optkit.bounds.penalised.foresight import Foresight, fifo_presence
 from optkit.gap.charging import scenario_charging
 from optkit.gap.report import GapReport, gap_report
 from optkit.models.value import LinearValue
 from optkit.policies import PostDecisionPricing, RewardPercentage
+from optkit.simulation.metrics import mean_interval
 
 NAMED = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}
 
@@ -171,13 +173,51 @@ def test_a_scenario_brings_what_it_needs():
     assert found.best_bound == "penalised"
 
 
-def test_workers_who_come_otherwise_are_noticed(days, charges):
-    """A worker rate that the instances contradict is a warning."""
-    from optkit.bounds.penalised.foresight import Foresight, fifo_presence
-
+def test_workers_who_come_otherwise_make_no_penalised_bound(days, charges):
+    """A worker rate that the instances contradict: one line, no bound by it, and the others stand."""
     wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.9), np.ones(1))}
-    found = gap_report(days, {"half": RewardPercentage(0.5)}, limit=4, redraws=10, **wrong)
-    assert any(told.startswith("WARNING: workers") for told in found.assumptions)
+    found = gap_report(days, NAMED, **wrong)
+    assert found.bounds["kind"].tolist() == ["full", "lagrangian", "arrival"]
+    assert len(found.refused) == 1
+    assert "workers do not come as was assumed" in found.refused[0]
+    assert f"penalised bound refused: {found.refused[0]}" in found.summary()
+    assert found.to_dict()["refused"] == list(found.refused)
+    pd.testing.assert_frame_equal(found.rows, gap_report(days, NAMED, kinds=["lagrangian", "arrival"]).rows)
+
+
+def test_charges_that_are_paid_without_foresight_refuse_the_bound(days, charges):
+    """Told that the process is known where it is not, the report finds out from what its policies are charged."""
+    wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.05), np.ones(1))}
+    found = gap_report(days, NAMED, known_process=True, **wrong)
+    assert "penalised" not in found.bounds["kind"].tolist()
+    assert len(found.refused) == 1
+    assert "money an instance" in found.refused[0]
+    assert (found.policies["charge"] == 0).all()
+    assert found.policies["money"].tolist() == found.policies["raw_money"].tolist()
+    assert found.best_bound == "arrival"
+
+
+def test_raw_money_is_the_plain_mean_of_the_rows(report):
+    """Beside money without luck, which no reader of the rows could make out, stands what he can."""
+    for _, row in report.bounds.iterrows():
+        assert row["raw_money"] == pytest.approx(report.rows[f"bound: {row['kind']}"].mean(), rel=1e-12)
+    for _, row in report.policies.iterrows():
+        raw = report.rows[f"policy: {row['policy']}"]
+        assert row["raw_money"] == pytest.approx(raw.mean(), rel=1e-12)
+        assert row["raw_half_width"] == pytest.approx(mean_interval(raw).high - raw.mean(), rel=1e-9)
+    for _, row in report.gaps.iterrows():
+        short = report.rows[f"bound: {row['bound']}"] - report.rows[f"policy: {row['policy']}"]
+        assert row["raw_money"] == pytest.approx(short.mean(), rel=1e-9)
+    assert "raw mean of the rows" in report.summary()
+    assert "control variate" in report.to_dict()["notes"]["money"]
+
+
+@pytest.mark.parametrize("offer", [1e308, 1e200])
+@pytest.mark.parametrize("limit", [14, 0])
+def test_offers_beyond_numbers_make_no_claim(days, offer, limit):
+    """What a policy pays overflows, by enumeration or by simulation: one line, and no claim of nan."""
+    with pytest.raises((PolicyError, InputError), match=r"more than a number can hold|too large to be added up"):
+        gap_report(days[:3], {"huge": lambda state: offer * np.ones(state.reward.shape)}, kinds="arrival", limit=limit)
 
 
 def test_a_bound_that_fails_is_left_out(days, monkeypatch):
@@ -212,6 +252,7 @@ def test_empty_days_have_no_points_but_money(days):
     assert found.gaps["money"].to_numpy() == pytest.approx(0, abs=1e-9)
     assert found.gaps["points"].isna().all()
     assert found.plot().get_xlabel() == "Money an instance"
+    assert "nan" not in found.claim() + found.summary()
 
 
 def test_one_instance_allows_no_claim(days):
@@ -219,6 +260,7 @@ def test_one_instance_allows_no_claim(days):
     found = gap_report(days[:1], NAMED)
     assert "allows no claim" in found.claim()
     assert np.isnan(found.gap()["claim"])
+    assert "nan" not in found.summary()
 
 
 @pytest.mark.parametrize(
