@@ -145,6 +145,28 @@ def test_a_policy_that_cannot_be_had_is_said(certify, own, tmp_path, code, name,
     )
 
 
+def test_a_worker_rate_that_the_days_contradict_is_refused(certify, own):
+    """One line why, exit status 1, and the bounds that need no process; with JSON too."""
+    asked = [own, "--policy", "myopic", "--worker-rate", 2.5]
+    status, out, _ = certify(*asked)
+    assert status == 1
+    assert sum(line.startswith("penalised bound refused: workers do not come") for line in out.splitlines()) == 1
+    assert "myopic to arrival" in out
+    status, out, _ = certify(*asked, "--json")
+    assert status == 1
+    assert [row["kind"] for row in strict(out)["bounds"]] == ["full", "lagrangian", "arrival"]
+    assert "workers do not come" in strict(out)["refused"][0]
+
+
+def test_offers_that_add_up_to_no_number_are_one_line(certify, own, tmp_path):
+    (tmp_path / "own.py").write_text("def huge(state):\n    return 1e308 + 0.0 * state.reward\n")
+    status, out, err = certify(own, "--policy", f"{tmp_path}/own.py:huge", "--kinds", "arrival")
+    assert status == 2
+    assert "more than a number can hold" in err
+    assert err.count("\n") == 1
+    assert "nan" not in out
+
+
 def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):
     """Nobody records the noise; with it drawn everything goes on, alike each time."""
     for part, instances in scenario("I.2", seed=0, **SETTINGS).split()._asdict().items():
