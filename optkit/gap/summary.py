@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from optkit.gap.report import GapReport
+from typing import Any
 
 
-def report_text(report: GapReport) -> str:
-    """Return a report's ladder, gaps and claims, and what they rest on; ``summary`` of the report.
+def report_text(report: Any) -> str:
+    """Return the ladder, gaps and claims of a :class:`optkit.gap.report.GapReport`, and what they rest on.
 
     Where charges take the luck out of the money, the plain mean of the rows stands beside it.
     """
