@@ -93,4 +93,4 @@ def price(
 def _plain(proof: Any) -> dict[str, Any]:
     numbers = ("profit", "bound", "gap", "stationarity", "infeasibility", "tolerance")
     plain: dict[str, Any] = {name: float(getattr(proof, name)) for name in numbers}
-    return {"optimal": bool(proof.optimal), **plain}
+    return {"optimal": bool(proof.optimal), "undecided": bool(proof.undecided), **plain}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from optkit.models.decision import Decisions, Floats
+from optkit.models.decision import Floats, Given
 
 
 def acceptance_probabilities(
@@ -52,7 +52,7 @@ def acceptance_probabilities(
     >>> acceptance.round(4), rejection.round(4)
     (array([0.3333, 0.3333]), np.float64(0.3333))
     """
-    seen = Decisions.at_prices(compensation, utility, mu, outside_utility, offered)
+    seen = Given.of("compensation", compensation, utility, mu, outside_utility, offered)
     acceptance, rejection = softmax_with_outside(seen.log_odds)
     return acceptance.reshape(*seen.shape, acceptance.shape[1]), rejection.reshape(seen.shape)[()]
 

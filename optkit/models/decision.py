@@ -11,30 +11,15 @@ import numpy.typing as npt
 from optkit.basics.arrays import Bools, Floats, mask, real
 from optkit.basics.errors import InputError
 
-__all__ = ["AtPrices", "Bools", "Decisions", "Floats"]
+__all__ = ["Bools", "Decisions", "Floats", "Given"]
 
-
-class AtPrices(NamedTuple):
-    """What workers make of proposed prices in S decisions.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        The leading shape that the caller had.
-    compensation : (S, n) float
-        The prices, in money.
-    log_odds : (S, n) float
-        ``(u_i + c_i - u_0) / mu``: log-odds of each request against the outside option, ``-inf`` where not offered.
-    """
-
-    shape: tuple[int, ...]
-    compensation: Floats
-    log_odds: Floats
+BEYOND = 2.0**1000
+"""Money, in its own unit and in units of mu, is below this, about 1e301: no sum or difference of it overflows."""
 
 
 @dataclass(frozen=True)
 class Decisions:
-    """S decisions over n requests each, flattened from any leading shape.
+    """S decisions over n requests each, flattened from any leading shape, in units of the noise.
 
     Attributes
     ----------
@@ -69,20 +54,7 @@ class Decisions:
         offered: npt.ArrayLike | None,
     ) -> Decisions:
         """Check and broadcast; see :func:`optkit.models.pricing.optimal_prices` for shapes and errors."""
-        given = _together("value", value, utility, mu, outside_utility, offered)
-        return cls(given.shape, given.money, given.logit, given.mu, given.offered, given.log_odds)
-
-    @staticmethod
-    def at_prices(
-        compensation: npt.ArrayLike,
-        utility: npt.ArrayLike,
-        mu: npt.ArrayLike,
-        outside_utility: npt.ArrayLike,
-        offered: npt.ArrayLike | None,
-    ) -> AtPrices:
-        """Check and broadcast prices like :meth:`of`, and say how workers see them."""
-        given = _together("compensation", compensation, utility, mu, outside_utility, offered)
-        return AtPrices(given.shape, given.money, given.log_odds)
+        return Given.of("value", value, utility, mu, outside_utility, offered).decisions()
 
     def rows(self, index: npt.NDArray[Any]) -> Decisions:
         """Some of the decisions."""
@@ -92,65 +64,149 @@ class Decisions:
         )
 
 
-class _Given(NamedTuple):
-    """Money and utilities of one shape: ``log_odds`` is ``(money + u - u_0) / mu``, the rest as in Decisions."""
+class Given(NamedTuple):
+    """The arguments of S decisions as they were given, in money, checked and flattened from any leading shape.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        The leading shape that the caller had.
+    money : (S, n) float
+        What is worth as much as utility: the values of the requests, or their compensations.
+    utility : (S, n) float
+        u_i; 0 where a request cannot be served.
+    outside_utility, mu : (S, 1) float
+        u_0 and the noise scale.
+    offered : (S, n) bool or None
+        As in :class:`Decisions`.
+    logit, log_odds : (S, n) float
+        ``(u_i - u_0) / mu`` and ``(money_i + u_i - u_0) / mu``, the latter ``-inf`` where a request cannot be served.
+    """
 
     shape: tuple[int, ...]
     money: Floats
-    logit: Floats
+    utility: Floats
+    outside_utility: Floats
     mu: Floats
     offered: Bools | None
+    logit: Floats
     log_odds: Floats
 
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        money: npt.ArrayLike,
+        utility: npt.ArrayLike,
+        mu: npt.ArrayLike,
+        outside_utility: npt.ArrayLike,
+        offered: npt.ArrayLike | None,
+    ) -> Given:
+        """Check and broadcast, here and nowhere else; ``name`` is what the errors call the money.
 
-def _together(
-    name: str,
-    money: npt.ArrayLike,
-    utility: npt.ArrayLike,
-    mu: npt.ArrayLike,
-    outside_utility: npt.ArrayLike,
-    offered: npt.ArrayLike | None,
-) -> _Given:
-    """Check what is worth as much as utility, a value or a compensation, together with the utilities."""
-    m, u = _per_request(name, real(name, money)), _per_request("utility", real("utility", utility, accept="-inf"))
-    scale, outside = real("mu", mu)[..., None], real("outside_utility", outside_utility)[..., None]
-    if np.any(scale <= 0):
-        raise InputError(f"mu = {scale.min()} is not positive; it is the scale of the worker's noise, in money")
-    shown = None if offered is None else _per_request("offered", mask("offered", offered))
-    try:
-        *lead, n = np.broadcast_shapes(
-            m.shape, u.shape, scale.shape, outside.shape, () if shown is None else shown.shape
-        )
-    except ValueError:
-        given = f"{name} {m.shape}, utility {u.shape}, mu {scale.shape[:-1]}, outside_utility {outside.shape[:-1]}"
-        given += "" if shown is None else f", offered {shown.shape}"
-        raise InputError(f"shapes do not fit together: {given}; requests go last, mu has the leading shape") from None
-    shape, size = tuple(lead), int(np.prod(lead))
-
-    def flat(x: npt.NDArray[Any], last: int) -> npt.NDArray[Any]:
-        return (x if x.shape == (*shape, last) else np.broadcast_to(x, (*shape, last))).reshape(size, last)
-
-    m, u, scale, outside = flat(m, n), flat(u, n), flat(scale, 1), flat(outside, 1)
-    shown = None if shown is None else flat(shown, n)
-    with np.errstate(over="ignore", invalid="ignore"):
-        relative = u - outside
-        # Adding before dividing lets opposite amounts and utilities cancel exactly.
-        logit, log_odds = relative / scale, (m + relative) / scale
-        all_finite = np.isfinite(logit.sum() + log_odds.sum())  # NaN and infinity survive a sum
-    if not all_finite:
-        never = np.isneginf(u)
-        if (lost := ~(np.isfinite(logit) & np.isfinite(log_odds) | never)).any():
-            s, i = (int(k) for k in np.argwhere(lost)[0])
-            raise InputError(
-                f"{name} {m[s, i]:g} and utility {u[s, i]:g} less {outside[s, 0]:g}, in units of mu = {scale[s, 0]:g}, "
-                f"are beyond any float (request {i}); a request that cannot be served has utility -inf"
+        Raises
+        ------
+        InputError
+            If an entry is not finite (but for ``-inf`` in ``utility``) or beyond any float, mu is not positive, the
+            mask is not made of True and False, or shapes do not fit.
+        """
+        m, u = _per_request(name, real(name, money)), _per_request("utility", real("utility", utility, accept="-inf"))
+        scale, outside = real("mu", mu)[..., None], real("outside_utility", outside_utility)[..., None]
+        least, most = scale.min(initial=1.0), scale.max(initial=1.0)
+        if not (least >= 1.0 / BEYOND and most <= BEYOND):
+            if least <= 0:
+                raise InputError(f"mu = {least} is not positive; it is the scale of the worker's noise, in money")
+            odd = least if least < 1.0 / BEYOND else most
+            raise InputError(f"mu = {odd:g} is too near an end of what a float holds: take another unit of money")
+        shown = None if offered is None else _per_request("offered", mask("offered", offered))
+        try:
+            *lead, n = np.broadcast_shapes(
+                m.shape, u.shape, scale.shape, outside.shape, () if shown is None else shown.shape
             )
-        if never.any():
-            logit = np.where(never, 0.0, logit)
-            shown = ~never if shown is None else shown & ~never
-    if shown is not None:
-        log_odds = np.where(shown, log_odds, -np.inf)
-    return _Given(shape, m, logit, scale, shown, log_odds)
+        except ValueError:
+            given = f"{name} {m.shape}, utility {u.shape}, mu {scale.shape[:-1]}, outside_utility {outside.shape[:-1]}"
+            given += "" if shown is None else f", offered {shown.shape}"
+            raise InputError(
+                f"shapes do not fit together: {given}; requests go last, mu has the leading shape"
+            ) from None
+        shape, size = tuple(lead), int(np.prod(lead))
+
+        def flat(x: npt.NDArray[Any], last: int) -> npt.NDArray[Any]:
+            return (x if x.shape == (*shape, last) else np.broadcast_to(x, (*shape, last))).reshape(size, last)
+
+        shown = None if shown is None else flat(shown, n)
+        return cls._within(name, shape, flat(m, n), flat(u, n), flat(outside, 1), flat(scale, 1), shown)
+
+    @classmethod
+    def _within(
+        cls,
+        name: str,
+        shape: tuple[int, ...],
+        m: Floats,
+        u: Floats,
+        outside: Floats,
+        scale: Floats,
+        shown: Bools | None,
+    ) -> Given:
+        """Hold everything against :data:`BEYOND`, in its own unit and in units of mu, and take the ratios."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            relative = u - outside
+            # Adding before dividing lets opposite amounts and utilities cancel exactly.
+            together = m + relative
+            logit, log_odds = relative / scale, together / scale
+        room = BEYOND * min(1.0, scale.min(initial=1.0))
+        if not (_largest(relative) <= room and _largest(together) <= room):
+            never = np.isneginf(u)
+            if never.any():
+                shown = ~never if shown is None else shown & ~never
+            limit = BEYOND * np.minimum(1.0, scale)
+            lost = ~((np.abs(relative) <= limit) & (np.abs(together) <= limit))
+            if (told := lost if shown is None else lost & shown).any():
+                s, i = (int(k) for k in np.argwhere(told)[0])
+                raise InputError(
+                    f"{name} {m[s, i]:g} and utility {u[s, i]:g} less {outside[s, 0]:g}, in units of "
+                    f"mu = {scale[s, 0]:g}, are beyond any float (request {i}); a request that cannot be served has "
+                    "utility -inf"
+                )
+            # What cannot be served counts for nothing, whatever stands there.
+            m, u, logit = (np.where(lost, 0.0, x) for x in (m, u, logit))
+        if shown is not None:
+            log_odds = np.where(shown, log_odds, -np.inf)
+        return cls(shape, m, u, outside, scale, shown, logit, log_odds)
+
+    def decisions(self) -> Decisions:
+        """Return the decisions in units of the noise, the money being the requests' values."""
+        return Decisions(self.shape, self.money, self.logit, self.mu, self.offered, self.log_odds)
+
+    def rows(self, index: npt.NDArray[Any]) -> Given:
+        """Some of the decisions."""
+        kept = {name: getattr(self, name)[index] for name in self._fields[1:] if getattr(self, name) is not None}
+        return self._replace(shape=(len(index),), **kept)
+
+    def prices(self, compensation: npt.ArrayLike) -> Given:
+        """Check proposed prices of these decisions: the same, the money being the compensations.
+
+        Raises
+        ------
+        InputError
+            If they are not one finite number per request of each decision, or beyond any float.
+        """
+        c = _per_request("compensation", real("compensation", compensation))
+        wanted = (*self.shape, self.money.shape[1])
+        try:
+            c = np.broadcast_to(c, wanted).reshape(self.money.shape)
+        except ValueError:
+            raise InputError(f"compensation has shape {c.shape}; the decisions are {wanted}") from None
+        return self.at(c, "compensation")
+
+    def at(self, money: Floats, name: str = "money") -> Given:
+        """Return the same with other money (S, n) in the place of this."""
+        return self._within(name, self.shape, money, self.utility, self.outside_utility, self.mu, self.offered)
+
+
+def _largest(x: Floats) -> float:
+    """Largest magnitude, NaN if there is one, 0 of nothing."""
+    return max(float(x.max(initial=0.0)), -float(x.min(initial=0.0)))
 
 
 def _per_request(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -34,7 +34,7 @@ from optkit.bounds.exact.certificate import ExactCertificate, decisions_of, expe
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.exact.states import STATE_LIMIT, StateSpace, find, state_space
 from optkit.models.decision import Decisions
-from optkit.models.pricing.certificate import dual_bound
+from optkit.models.pricing.closed_form import dual_bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,6 +279,6 @@ def exact_value(model: SmallModel, *, limit: int = STATE_LIMIT) -> Bound:
 
 def _proven_profit(d: Decisions) -> Floats:
     """The optimal profit of each decision, rounded up so that its dual proves it on any machine, (S, 1), money."""
-    bound, rounding = dual_bound(d, nonnegative=True)
+    bound, rounding = dual_bound(d)
     nothing_offered = np.isneginf(d.advantage).all(axis=1, keepdims=True)
     return np.where(nothing_offered, 0.0, bound + rounding)

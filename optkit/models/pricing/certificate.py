@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.errors import InputError
-from optkit.models.choice import softmax_with_outside
-from optkit.models.decision import Bools, Decisions, Floats
-from optkit.models.pricing import closed_form
+from optkit.models.decision import Bools, Floats, Given
+from optkit.models.pricing import closed_form, enclosure
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class PriceCertificate:
     bound : (...) float
         R: no feasible prices earn more, in money. It satisfies the dual constraint, rounding included.
     gap : (...) float
-        ``bound - profit``, in money, at least 0 up to rounding.
+        What any prices earn more than these at most, in money: ``bound - profit`` and the profit's rounding.
     stationarity : (...) float
         Largest derivative of the profit along a feasible change of one price: money per money.
     infeasibility : (...) float
@@ -32,7 +31,9 @@ class PriceCertificate:
     multiplier : (..., n) float
         Multipliers of the constraints c_i >= 0 at the bound, ``max(0, mu + R - v_i)``, money; 0 if there are none.
     optimal : (...) bool
-        The verdict: feasible, and the gap is below the tolerance.
+        Whether the prices are proven optimal: gap and infeasibility are at most ``tolerance * (mu + abs(bound))``.
+    undecided : (...) bool
+        Where they are not, whether rounding hides it: floats cannot tell that the gap is larger than that.
     tolerance : float
         The relative tolerance of the verdict.
     """
@@ -44,14 +45,18 @@ class PriceCertificate:
     infeasibility: Floats
     multiplier: Floats
     optimal: Bools
+    undecided: Bools
     tolerance: float
 
     def summary(self) -> str:
         """Return a few lines for a person; for many decisions, the worst of each figure."""
-        optimal = np.atleast_1d(self.optimal)
+        optimal, undecided = np.atleast_1d(self.optimal), np.atleast_1d(self.undecided)
         profit, bound = np.sum(self.profit), np.sum(self.bound)
+        verdict = "NOT optimal"
+        if (optimal | undecided).all():
+            verdict = "optimal" if optimal.all() else "undecided: within rounding of the tolerance"
         lines = [
-            f"verdict        {'optimal' if optimal.all() else 'NOT optimal'}"
+            f"verdict        {verdict}"
             + (f" ({optimal.sum()} of {optimal.size} decisions)" if optimal.size > 1 else ""),
             f"profit         {profit:.10g}" + (" in total" if optimal.size > 1 else ""),
             f"upper bound    {bound:.10g}",
@@ -76,7 +81,8 @@ def certify(
     """Certify any prices, whoever proposed them.
 
     The bound is a dual solution: R bounds the profit of every price vector if it satisfies one inequality, which is
-    evaluated here (:func:`optkit.models.pricing.closed_form.dual_slack`). It does not matter where R came from.
+    evaluated here with all rounding against it (:func:`optkit.models.pricing.enclosure.optimum`). It does not matter
+    where R came from.
 
     Parameters
     ----------
@@ -91,7 +97,7 @@ def certify(
     offered : (..., n) bool, optional
         Which requests are on offer; all by default.
     tolerance : float
-        The verdict allows a gap of ``tolerance * (mu + |bound|)``, and the rounding of the inputs' magnitude.
+        The verdict allows a gap of ``tolerance * (mu + |bound|)``, all rounding included, and prices as far below 0.
 
     Returns
     -------
@@ -118,27 +124,23 @@ def certify(
         raise InputError(
             f"nonnegative = {nonnegative!r}: a certificate is for c >= 0 (True) or for either sign (False)"
         )
-    d = Decisions.of(value, utility, mu, outside_utility, offered)
-    seen = Decisions.at_prices(compensation, utility, mu, outside_utility, offered)
-    if seen.shape != d.shape or seen.log_odds.shape != d.advantage.shape:
-        raise InputError(
-            f"compensation has shape {np.shape(compensation)}; the decisions are {(*d.shape, d.value.shape[1])}"
-        )
-    c = seen.compensation
-    shown = np.ones(c.shape, bool) if d.offered is None else d.offered
-    margin = d.value - c
-    acceptance, _ = softmax_with_outside(seen.log_odds)
-    profit = (acceptance * np.where(shown, margin, 0.0)).sum(axis=1, keepdims=True)
-    gradient = acceptance * ((margin - profit) / d.mu - 1.0)
+    given = Given.of("value", value, utility, mu, outside_utility, offered)
+    d, c = given.decisions(), given.prices(compensation).money
+    shown = np.ones(c.shape, bool) if given.offered is None else given.offered
+    (profit, error), acceptance = enclosure.earned(given, c)
+    gradient = acceptance * ((d.value - c - profit) / d.mu - 1.0)
+    infeasibility = np.zeros_like(profit)
     if nonnegative:
         gradient = np.where(c <= 0, np.maximum(gradient, 0.0), gradient)
-    infeasibility = (
-        np.where(shown, -c, 0.0).max(axis=1, keepdims=True, initial=0.0) if nonnegative else np.zeros_like(profit)
-    )
-    bound, rounding = dual_bound(d, nonnegative)
+        infeasibility = np.where(shown, -c, 0.0).max(axis=1, keepdims=True, initial=0.0)
+    best = closed_form.nonnegative(d) if nonnegative else closed_form.unconstrained(d)
+    bound, below = enclosure.optimum(given, d.mu * best.ratio, bool(nonnegative), polish=30)
     multiplier = np.where(shown, np.maximum(d.mu + bound - d.value, 0.0), 0.0) if nonnegative else np.zeros(c.shape)
-    gap = bound - profit
-    allowed = tolerance * (d.mu + np.abs(bound)) + rounding
+    gap = bound - profit + error
+    allowed = tolerance * (d.mu + np.abs(bound))
+    feasible = infeasibility <= allowed
+    optimal = feasible & (gap <= allowed)
+    undecided = feasible & ~optimal & (gap - below - 2.0 * error <= allowed)
     one = d.shape
     return PriceCertificate(
         profit=profit.reshape(one)[()],
@@ -147,25 +149,7 @@ def certify(
         stationarity=np.abs(gradient).max(axis=1, initial=0.0).reshape(one)[()],
         infeasibility=(infeasibility + 0.0).reshape(one)[()],
         multiplier=multiplier.reshape(*one, c.shape[1]),
-        optimal=((gap <= allowed) & (infeasibility <= allowed)).reshape(one)[()],
+        optimal=optimal.reshape(one)[()],
+        undecided=undecided.reshape(one)[()],
         tolerance=tolerance,
     )
-
-
-def dual_bound(d: Decisions, nonnegative: bool) -> tuple[Floats, Floats]:
-    """Return a certified R, (S, 1), and the rounding of the data that it allows for, (S, 1), both in money."""
-    ratio = (closed_form.nonnegative(d) if nonnegative else closed_form.unconstrained(d)).ratio
-    magnitude = np.abs(d.value) / d.mu + np.abs(d.logit)
-    if d.offered is not None:
-        magnitude = np.where(d.offered, magnitude, 0.0)
-    size = magnitude.max(axis=1, keepdims=True, initial=0.0) + np.abs(ratio) + 1.0
-    step = 16 * np.finfo(float).eps * size
-    rounding = step * d.mu
-    bound = ratio + step
-    for _ in range(60):
-        short = closed_form.dual_slack(d, bound, nonnegative) < 0
-        if not short.any():
-            break
-        step = np.where(short, 2 * step, step)
-        bound = np.where(short, bound + step, bound)
-    return d.mu * bound, 4 * rounding

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import wrightomega
 
+from optkit.basics.arrays import Ints
 from optkit.models.decision import Bools, Decisions, Floats
 
 
@@ -72,8 +73,9 @@ def nonnegative(d: Decisions) -> Solution:
             np.where(implied > k, k + 1, np.maximum(low, np.minimum(implied, k))),
             np.where(implied < k, k - 1, np.minimum(high, np.maximum(implied, k))),
         )
-        # A bracket that rounding has emptied means that a value equals the markup to the last digit: either k is right.
         done = (implied == k) | (low > high)
+        if (torn := (low > high) & (implied != k)).any():
+            _settle(part, rank, k, implied, torn, hold, trial)
         end = rows[done]
         ratio[end], acceptance[end], rejection[end] = trial.ratio[done], trial.acceptance[done], trial.rejection[done]
         held[end] = hold[done]
@@ -82,6 +84,24 @@ def nonnegative(d: Decisions) -> Solution:
         k = np.where(natural, np.clip(implied, low, high), (low + high) // 2)[go]
         rows, value, rank, low, high = rows[go], value[go], rank[go], low[go], high[go]
     return Solution(ratio, acceptance, rejection, held)
+
+
+def _settle(d: Decisions, rank: Ints, k: Ints, implied: Ints, torn: Bools, hold: Bools, trial: Solution) -> None:
+    """Choose between k and its neighbour, where rounding makes each prove the other: a value is nearly the markup.
+
+    The request in question has the value; the k whose markup is nearer to it is right. ``hold`` and ``trial`` are set.
+    """
+    s = np.flatnonzero(torn)
+    other = k[s] + np.sign(implied[s] - k[s])
+    part, there = d.rows(s), rank[s] < other[:, None]
+    found = _with_held(part, there)
+    edge = np.argmax(rank[s] == np.minimum(k[s], other)[:, None], axis=1)[:, None]
+    value = np.take_along_axis(part.value, edge, axis=1) / part.mu - 1.0
+    nearer = (np.abs(value - found.ratio) < np.abs(value - trial.ratio[s]))[:, 0]
+    to = s[nearer]
+    hold[to] = there[nearer]
+    for name in ("ratio", "acceptance", "rejection"):
+        getattr(trial, name)[to] = getattr(found, name)[nearer]
 
 
 def _with_held(d: Decisions, hold: Bools) -> Solution:
@@ -117,6 +137,29 @@ def dual_slack(d: Decisions, ratio: Floats, nonnegative: bool) -> Floats:
         log_rest = np.log(np.maximum(rest, 0.0))
     # exp(log_y) is 0 in floating point where log_y is below -745; then any R >= mu s is feasible.
     return np.where(log_y < -745.0, np.where(rest >= 0, 1.0, -1.0), log_rest - np.where(log_y < -745.0, 0.0, log_y))
+
+
+def dual_bound(d: Decisions) -> tuple[Floats, Floats]:
+    """Return a certified R for c >= 0, (S, 1), and the rounding of the data that it allows for, (S, 1), in money.
+
+    For decisions that are known in units of mu only; what is known in money has a tighter bound, see
+    :func:`optkit.models.pricing.enclosure.optimum`.
+    """
+    ratio = nonnegative(d).ratio
+    magnitude = np.abs(d.value) / d.mu + np.abs(d.logit)
+    if d.offered is not None:
+        magnitude = np.where(d.offered, magnitude, 0.0)
+    size = magnitude.max(axis=1, keepdims=True, initial=0.0) + np.abs(ratio) + 1.0
+    step = 16 * np.finfo(float).eps * size
+    rounding = step * d.mu
+    bound = ratio + step
+    for _ in range(60):
+        short = dual_slack(d, bound, nonnegative=True) < 0
+        if not short.any():
+            break
+        step = np.where(short, 2 * step, step)
+        bound = np.where(short, bound + step, bound)
+    return d.mu * bound, 4 * rounding
 
 
 def _held_shares(d: Decisions, hold: Bools) -> tuple[Floats, Floats, Floats]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
-from optkit.models.decision import Decisions, Floats
+from optkit.models.decision import Floats, Given
 from optkit.models.pricing import closed_form
 from optkit.models.pricing.certificate import PriceCertificate, certify
 
@@ -62,7 +62,7 @@ def optimal_prices(
         What serving request i now is worth before paying for it: reward, less the penalty if it expires now, less its
         opportunity cost. Money.
     utility : (..., n) float
-        Mean utility of the request to the worker, in money.
+        Mean utility of the request to the worker, in money; ``-inf`` where the worker cannot serve it.
     mu, outside_utility : (...) float
         Noise scale (positive) and utility of rejecting everything, in money; one number, or one per decision.
     nonnegative : True, False or "clip"
@@ -80,7 +80,8 @@ def optimal_prices(
     Raises
     ------
     InputError
-        If an entry is not finite, mu is not positive, shapes do not fit, or ``nonnegative`` is unknown.
+        If an entry is not finite (but for ``-inf`` in ``utility``) or a ratio to mu is beyond any float, mu is not
+        positive, the mask is not made of True and False, shapes do not fit, or ``nonnegative`` is unknown.
 
     See Also
     --------
@@ -101,7 +102,8 @@ def optimal_prices(
     >>> [optimal_prices(value, utility, nonnegative=how).profit.round(4) for how in (True, "clip")]
     [np.float64(1.3305), np.float64(1.2903)]
     """
-    d = Decisions.of(value, utility, mu, outside_utility, offered)
+    given = Given.of("value", value, utility, mu, outside_utility, offered)
+    d = given.decisions()
     if isinstance(nonnegative, np.bool_):
         nonnegative = bool(nonnegative)
     if nonnegative is True:
@@ -116,10 +118,7 @@ def optimal_prices(
     if found.held is not None or nonnegative == "clip":
         compensation = np.maximum(compensation, 0.0)
     if nonnegative == "clip":
-        seen = Decisions.at_prices(
-            compensation.reshape(*d.shape, d.value.shape[1]), utility, mu, outside_utility, offered
-        )
-        acceptance, rejection = softmax_with_outside(seen.log_odds)
+        acceptance, rejection = softmax_with_outside(given.at(compensation).log_odds)
         profit = (acceptance * (d.value - compensation)).sum(axis=1, keepdims=True)
     if d.offered is not None:
         compensation = np.where(d.offered, compensation, 0.0)

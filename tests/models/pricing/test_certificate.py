@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
+from scipy.special import wrightomega
 
 from optkit.basics.errors import InputError
 from optkit.models.pricing import optimal_prices
@@ -241,6 +242,30 @@ def test_no_decisions_need_no_certificate():
 def test_prices_of_another_leading_shape_are_refused_even_if_there_are_as_many():
     with pytest.raises(InputError, match="compensation has shape"):
         certify(np.ones((3, 2, 4)), np.ones((2, 3, 4)), np.zeros(4))
+
+
+def test_a_request_that_cannot_matter_does_not_soften_the_verdict():
+    """The first request alone: W0(exp(20 - 1)) is the optimum, and a price of 5 earns 25 e^-5 / (1 + e^-5) of it."""
+    best = wrightomega(19.0)
+    for never in (-1e4, -1e16, -1e300, -np.inf):
+        proof = certify([5.0, 0.0], [30.0, 0.0], [-10.0, never])
+        assert proof.profit == pytest.approx(25 * np.exp(-5) / (1 + np.exp(-5)), rel=1e-12)
+        assert 0 <= proof.bound - best <= 1e-12 * best
+        assert not proof.optimal
+        assert not proof.undecided
+        prices = optimal_prices([30.0, 0.0], [-10.0, never]).compensation
+        assert certify(prices, [30.0, 0.0], [-10.0, never]).optimal
+    assert not certify([2e-6, 0.0], [2e-6, 0.0], [0.0, -1e8], 1e-6).optimal
+
+
+def test_a_tolerance_finer_than_rounding_leaves_the_verdict_undecided():
+    v, u = [5.0, 6.0], [-1.0, -2.0]
+    c = optimal_prices(v, u).compensation
+    proof, dear = (certify(prices, v, u, tolerance=1e-17) for prices in (c, c + 0.1))
+    assert proof.undecided
+    assert not proof.optimal
+    assert proof.summary().startswith("verdict        undecided")
+    assert not dear.undecided
 
 
 def test_padding_behind_the_mask_does_not_soften_the_verdict():
