@@ -12,7 +12,7 @@ from optkit.basics.errors import InputError, InstanceError, SolverError
 from optkit.basics.seeds import Stream, stream
 from optkit.cli.console import print_table, progress_bar, say, say_json
 from optkit.cli.options import Json, Quiet
-from optkit.cli.output import check_file, write_rows
+from optkit.cli.output import ROWS, write_rows
 
 if TYPE_CHECKING:
     from optkit.bounds.penalised.foresight import Foresight
@@ -69,7 +69,7 @@ def bound(
     kind = "penalised" if kind == "penalized" else kind
     _check_options(kind, method, time_limit)
     if out is not None:
-        check_file(out, ".csv", ".parquet")
+        ROWS.check(out)
     if folder.is_dir() and has_parts(folder):
         parts = [part for part in PARTS if (folder / part).is_dir()]
         raise InputError(

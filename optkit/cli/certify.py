@@ -13,7 +13,7 @@ from optkit.basics.errors import InputError
 from optkit.basics.printable import printable
 from optkit.cli.console import open_source, progress_bar, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
-from optkit.cli.output import check_file, write_rows
+from optkit.cli.output import FIGURE, ROWS, write_rows
 from optkit.cli.policy_file import own_policy
 
 if TYPE_CHECKING:
@@ -77,10 +77,11 @@ def certify(
     from optkit.gap.report import chosen_kinds, gap_report
     from optkit.plotting.files import figure_bytes
 
+    reads = [] if checkpoint is None else [checkpoint]
     if out is not None:
-        check_file(out, ".csv", ".parquet")
+        ROWS.check(out, reads=reads)
     if plot is not None:
-        check_file(plot, ".png", ".pdf")
+        FIGURE.check(plot, "--plot", reads)
     wanted = policy or ["myopic", "linear"]
     _check_policies(wanted)
     shares = _shares(group_share)
@@ -101,14 +102,14 @@ def certify(
         more["assumptions"] = (*more.get("assumptions", ()), *noise)
         named = _policies(wanted, split, charging, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
-    if out is not None:
-        write_rows(report.rows, out)
-    if plot is not None:
-        plot.write_bytes(figure_bytes(report.plot(), plot.suffix[1:]))
     if as_json:
         say_json({"source": source, **report.to_dict()})
     else:
         say(f"{source}: {len(report.rows)} test instances", *report.summary().split("\n"))
+    if out is not None:
+        write_rows(report.rows, out)
+    if plot is not None:
+        FIGURE.write(plot, figure_bytes(report.plot(), plot.suffix[1:]), "--plot")
     if report.failures or report.refused:
         raise typer.Exit(1)
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Seed, Setting, Trips
+from optkit.cli.output import OFFERS
 
 
 def collect(
@@ -33,14 +33,14 @@ def collect(
     from optkit.learning.offer_log import collect as log_offers
     from optkit.policies.explore import RandomOffers
 
-    if out.suffix != ".parquet":
-        raise InputError(f"--out {out} must end in .parquet")
+    OFFERS.check(out)
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     instances = (read_split(opened)[0] if isinstance(opened, Path) else opened.split()).train
     offers = log_offers(instances, RandomOffers(low, high, seed=offer_seed))
-    offers.save(out)
     counts = {"offers": len(offers), "situations": offers.n_situations, "choices": offers.n_choices}
     if as_json:
         say_json({"file": str(out), **counts})
     else:
         say(f"{out}: " + ", ".join(f"{count:,} {name}" for name, count in counts.items()))
+    OFFERS.check(out)
+    offers.save(out)

@@ -10,7 +10,7 @@ import typer
 from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
-from optkit.cli.output import check_file, print_comparison, write_rows
+from optkit.cli.output import ROWS, print_comparison, write_rows
 
 if TYPE_CHECKING:
     from optkit.instances.instance import Instance
@@ -50,7 +50,7 @@ def evaluate(
     from optkit.simulation.simulator import simulate
 
     if out is not None:
-        check_file(out, ".csv", ".parquet")
+        ROWS.check(out, reads=[policy])
     trained = Trained.load(policy)
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     instances = _instances(opened, source, part)
@@ -63,8 +63,6 @@ def evaluate(
         kept, bounds, failures, worst = proven_bounds(instances, tell)
     policies = {MYOPIC: PostDecisionPricing(choice=trained.policy.choice), policy.name: trained.policy}
     comparison = compare([instances[i] for i in kept], policies, bounds, labels=kept)
-    if out is not None:
-        write_rows(comparison.per_instance, out)
     horizon = trained.source.get("horizon", batch.horizon)
     other = f"trained on instances of {horizon} steps, these have {batch.horizon}: prices near the end may be off"
     note = None if horizon == batch.horizon else other
@@ -82,7 +80,9 @@ def evaluate(
             say(f"note: {note}")
         for i, why in failures.items():
             say(f"bounds: instance {i} is left out: {why}")
-        if out is not None:
+    if out is not None:
+        write_rows(comparison.per_instance, out)
+        if not as_json:
             say(f"rows: {out}")
     if failures:
         raise typer.Exit(1)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from optkit.basics.errors import InputError, OptkitError
-from optkit.basics.folders import writable_parent
-from optkit.basics.paths import resolved
+from optkit.basics.errors import InputError
+from optkit.basics.files import write_together
 from optkit.basics.plain_json import to_json
 from optkit.basics.printable import printable
 from optkit.cli.console import print_table, say, say_json
 from optkit.cli.options import Json
+from optkit.cli.output import FIT_JSON, FIT_TEXT, fit_document, fit_text
 
 if TYPE_CHECKING:
     from optkit.models.preferences.preferences import Preferences
@@ -46,8 +46,8 @@ def fit(
     names = None if features is None else [name.strip() for name in features.split(",")]
     if out is not None and out.suffix == ".json":
         raise InputError(f"--out {out}: give the text file's name, such as fit.txt; the JSON goes beside it")
-    if out is not None and not (resolved(out).parent.is_dir() and writable_parent(out)):
-        raise InputError(f"--out {out} cannot be written: its folder does not exist, or may not be written to")
+    if out is not None:
+        _check_out(out, table)
     offers = Offers.load(table, names)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EstimationWarning)
@@ -63,11 +63,22 @@ def fit(
     ours = (EstimationWarning, ConvergenceWarning)
     told = [str(one.message) for one in caught if issubclass(one.category, ours)]
     plain = {"offers": len(offers), "situations": offers.n_situations, **_plain(found), "warnings": told}
-    if out is not None:
-        _save(out, _text(found, told), plain)
+    document = fit_document(plain)
     if as_json:
-        say_json(plain)
-        return
+        say_json(document)
+    else:
+        _print(found, plain, told)
+    if out is not None:
+        _check_out(out, table)
+        write_together({out: fit_text(_text(found, told)), out.with_suffix(".json"): to_json(document) + "\n"})
+
+
+def _check_out(out: Path, table: Path) -> None:
+    FIT_TEXT.check(out, reads=[table])
+    FIT_JSON.check(out.with_suffix(".json"), f"--out {out}: the JSON beside it,", [table])
+
+
+def _print(found: Preferences, plain: dict[str, Any], told: list[str]) -> None:
     for group, results in enumerate(found.results):
         label = "all groups" if found.pooled else f"group {group}"
         say(f"{label}, coefficients of utility / mu", *str(results.summary()).split("\n"), "")
@@ -115,11 +126,3 @@ def _text(found: Preferences, told: list[str]) -> str:
     parts = [f"{results.summary()}\n\n{identification(results).summary()}" for results in found.results]
     lines = [*parts, found.table().to_string(index=False), *(f"warning: {line}" for line in told)]
     return "\n".join(map(printable, "\n\n".join(lines).split("\n"))) + "\n"
-
-
-def _save(out: Path, text: str, plain: dict[str, Any]) -> None:
-    try:
-        out.write_text(text, encoding="utf-8")
-        out.with_suffix(".json").write_text(to_json(plain) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OptkitError(f"{out} cannot be written ({error.strerror or error})") from error

@@ -1,14 +1,15 @@
-"""What the verbs write: files that are looked at before the work starts, and tables of policies."""
+"""What the verbs write: kinds of files by which their own are known again, and tables of policies."""
 
 from __future__ import annotations
 
-import os
+import hashlib
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optkit.basics.errors import InputError, OptkitError
-from optkit.basics.paths import resolved
+from optkit.basics.own_files import OwnFile
+from optkit.basics.plain_json import is_sealed, parse_object, sealed
 from optkit.cli.console import print_table, say
 
 if TYPE_CHECKING:
@@ -16,21 +17,75 @@ if TYPE_CHECKING:
 
     from optkit.evaluation.comparison import Comparison
 
+FIRST_COLUMNS = (
+    "instance,requests,workers,penalty,bound,gap,method,",  # optkit bound
+    "instance,requests,workers,penalty,bound: full,",  # optkit certify
+    "policy,instance,reward,bound,ratio,",  # optkit evaluate
+)
+"""How the tables of the verbs begin: a CSV file has no other place for a mark."""
 
-def check_file(out: Path, *suffixes: str) -> None:
-    """Refuse a file that could not be written, before the work and not after it.
 
-    Raises
-    ------
-    InputError
-        If the name ends otherwise, or its folder does not exist or may not be written to.
-    """
-    from optkit.basics.folders import writable_parent
+def _is_table(data: bytes) -> bool:
+    if data.startswith(b"PAR1"):
+        return _has_mark(data, b"optkit")
+    return data.startswith(tuple(first.encode() for first in FIRST_COLUMNS))
 
-    if out.suffix not in suffixes or out.is_dir():
-        raise InputError(f"--out {out} must be a file that ends in {' or '.join(suffixes)}")
-    if not (resolved(out).parent.is_dir() and writable_parent(out)):
-        raise InputError(f"--out {out} cannot be written: its folder does not exist, or may not be written to")
+
+def _has_mark(data: bytes, mark: bytes) -> bool:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return mark in (pq.read_schema(pa.BufferReader(data)).metadata or {})
+    except (OSError, pa.ArrowException):
+        return False
+
+
+def _is_figure(data: bytes) -> bool:
+    from optkit.plotting.files import drawn_here
+
+    return drawn_here(data)
+
+
+def _is_policy(data: bytes) -> bool:
+    from optkit.learning.trained import FORMAT
+
+    found = parse_object(data)
+    return found is not None and found.get("format") == FORMAT and is_sealed(found)
+
+
+ROWS = OwnFile("rows of optkit", _is_table, (".csv", ".parquet"))
+FIGURE = OwnFile("figure of optkit", _is_figure, (".png", ".pdf"))
+OFFERS = OwnFile("offers of optkit collect", lambda data: _has_mark(data, b"optkit-offers"), (".parquet",))
+POLICY = OwnFile("trained policy", _is_policy, (".json",))
+
+FIT = "optkit fit"
+
+
+def fit_text(text: str) -> str:
+    """Return the text file of a fit, by which it is known again: with a digest of what it tells."""
+    return f"{FIT}, digest {hashlib.sha256(text.encode()).hexdigest()[:16]}\n\n{text}"
+
+
+def _is_fit_text(data: bytes) -> bool:
+    try:
+        return fit_text(data.decode().partition("\n\n")[2]).encode() == data
+    except UnicodeDecodeError:
+        return False
+
+
+def _is_fit(data: bytes) -> bool:
+    found = parse_object(data)
+    return found is not None and found.get("format") == FIT and is_sealed(found)
+
+
+FIT_TEXT = OwnFile("summary of optkit fit", _is_fit_text)
+FIT_JSON = OwnFile("summary of optkit fit", _is_fit, (".json",))
+
+
+def fit_document(plain: dict[str, Any]) -> dict[str, Any]:
+    """Return what is told of a fit as it stands in its JSON file, which is known again by it."""
+    return sealed({"format": FIT, **plain})
 
 
 def write_rows(frame: pd.DataFrame, out: Path) -> None:
@@ -38,16 +93,20 @@ def write_rows(frame: pd.DataFrame, out: Path) -> None:
 
     Raises
     ------
+    InputError
+        If something else is there by now.
     OptkitError
         If the disk refuses.
     """
-    staging = out.with_name(f".{out.name}.tmp")
-    try:
-        frame.to_csv(staging, index=False) if out.suffix == ".csv" else frame.to_parquet(staging, index=False)
-        os.replace(staging, out)
-    except OSError as error:
-        staging.unlink(missing_ok=True)
-        raise OptkitError(f"{out} cannot be written ({error.strerror or error})") from error
+    if out.suffix == ".csv":
+        ROWS.write(out, frame.to_csv(index=False).encode())
+        return
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table, sink = pa.Table.from_pandas(frame, preserve_index=False), io.BytesIO()
+    pq.write_table(table.replace_schema_metadata({**table.schema.metadata, "optkit": "rows"}), sink)
+    ROWS.write(out, sink.getvalue())
 
 
 def print_comparison(title: str, comparison: Comparison) -> None:

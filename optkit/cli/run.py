@@ -50,17 +50,19 @@ def run(
     check_target(folder, origin)
     with progress_bar(quiet or as_json) as tell:
         result = run_main_job(split, origin, verify=verify, seed=seed, progress=tell)
-    drawn = len(split.test) - len(result.bound_failures)
-    write_results(folder, result, f"{name}: {drawn} test instances")
     if as_json:
         say_json({"folder": str(folder), **result.to_dict()})
     else:
-        _print(name, result, folder)
+        _print(name, result)
+    drawn = len(split.test) - len(result.bound_failures)
+    write_results(folder, result, f"{name}: {drawn} test instances")
+    if not as_json:
+        say(f"results: {folder}")
     if not result.verification.holds or result.bound_failures:
         raise typer.Exit(1)
 
 
-def _print(name: str, result: RunResult, folder: Path) -> None:
+def _print(name: str, result: RunResult) -> None:
     record = result.record
     sizes = record["instances"]
     title = f"{name}: {sizes['test']} test instances; tuned, learned and trained on {sizes['train']} others"
@@ -96,7 +98,6 @@ def _print(name: str, result: RunResult, folder: Path) -> None:
         say(f"prices: {why}")
     seconds = record["seconds"]
     say(f"time: {sum(seconds.values()):.1f} s ({', '.join(f'{k} {v:.1f}' for k, v in seconds.items())})")
-    say(f"results: {folder}")
 
 
 def _course(rounds: list[dict[str, Any]]) -> str:

@@ -77,9 +77,12 @@ def study(
     for one in studies:
         finished.append(_run(one, out, jobs, dask, force, quiet or as_json))
         if not as_json:
-            _print(finished[-1])
+            _print(finished[-1])  # before it is written: a full disk must not take it away
+            say(f"report: {_write(finished[-1])}")
     if as_json:
         say_json([_summary(one) for one in finished])
+        for done in finished:
+            _write(done)
     elif name == "all" and not trips:
         say("nyc is left out: it needs --trips")
     if any(one.run.failed for one in finished):
@@ -91,7 +94,7 @@ class _Finished(NamedTuple):
     run: StudyRun
     tables: dict[str, pd.DataFrame]
     claims: list[dict[str, Any]]
-    report: Path
+    folder: Path
 
 
 def _study(
@@ -154,7 +157,7 @@ def _time(seconds: float) -> str:
 def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quiet: bool) -> _Finished:
     from optkit.cli.console import study_bar
     from optkit.studies.claims.verdicts import claims
-    from optkit.studies.report.report import check_report, write_report
+    from optkit.studies.report.report import check_report
     from optkit.studies.runner import run_cells
     from optkit.studies.store import CellStore
     from optkit.studies.tables import study_tables
@@ -170,14 +173,20 @@ def _run(study: Study, out: Path, jobs: int, dask: str | None, force: bool, quie
         say(f"{store.damaged} damaged files in {store.folder} were worked out again", err=True)
     tables = study_tables(run)
     found = claims(study.name, tables)
-    return _Finished(study, run, tables, found, write_report(out / study.name, study, run, found))
+    return _Finished(study, run, tables, found, out / study.name)
+
+
+def _write(one: _Finished) -> Path:
+    from optkit.studies.report.report import write_report
+
+    return write_report(one.folder, one.study, one.run, one.claims)
 
 
 def _summary(one: _Finished) -> dict[str, Any]:
     failed = {str(cell): one.run.failed[cell.key] for cell in one.run.cells if cell.key in one.run.failed}
     kept = {name: frame.to_dict(orient="records") for name, frame in one.tables.items() if name in ("worlds", "gap")}
     about = {"study": one.study.name, "cells": len(one.run.cells), "fresh": one.run.fresh, "failed": failed}
-    return {**about, "report": str(one.report), "claims": one.claims, "tables": kept}
+    return {**about, "report": str(one.folder / "report.html"), "claims": one.claims, "tables": kept}
 
 
 def _print(one: _Finished) -> None:
@@ -206,4 +215,3 @@ def _print(one: _Finished) -> None:
     done = f"{len(one.run.found)} of {len(one.run.cells)} cells, {one.run.fresh} worked out now"
     stages = ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in spent.items())
     say(f"{done}; {sum(spent.values()):.0f} s of work in all: {stages}")
-    say(f"report: {one.report}")

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optkit.basics.errors import InputError
-from optkit.basics.plain_json import parse_object
 from optkit.cli.console import open_source, print_table, progress_bar, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
-from optkit.cli.output import check_file
+from optkit.cli.output import POLICY
 
 if TYPE_CHECKING:
+    from optkit.instances.scenario import Split
     from optkit.learning.trained import Trained
 
 
@@ -62,7 +62,7 @@ def train(
     from optkit.instances.splits import read_split, training_split
     from optkit.learning.training import train as train_policy
 
-    _check_out(out)
+    POLICY.check(out)
     _check_checkpoint(checkpoint)
     chosen: dict[str, Any] = {"seeds": seeds, "seed": seed if training_seed is None else training_seed}
     if deviations is not None:
@@ -86,7 +86,6 @@ def train(
         say(f"optkit: {_how_to_go_on(checkpoint)}", err=True)
         raise
     seconds = time.perf_counter() - started
-    trained.save(out)
     at = _chosen(trained)
     if as_json:
         told: dict[str, Any] = {"file": str(out), "source": source, "value": value, "choice": choice, "chosen": at}
@@ -97,9 +96,18 @@ def train(
             "failures": trained.failures,
         }
         say_json({**told, "seconds": round(seconds, 3)})
-        return
+    else:
+        _print(trained, split, f"{source}: {value}, {choice} MNL", seconds)
+    POLICY.check(out)
+    trained.save(out)
+    if not as_json:
+        say(f"policy: {out}")
+
+
+def _print(trained: Trained, split: Split, title: str, seconds: float) -> None:
+    at = _chosen(trained)
     header = ["seed", "round", "exploration", "validation reward", "residual", "seconds"]
-    print_table(f"{source}: {value}, {choice} MNL", header, [_row(row) for row in trained.record])
+    print_table(title, header, [_row(row) for row in trained.record])
     for row in trained.record:
         if row["error"]:
             say(f"seed {row['seed']}, round {row['round']}: {row['error']}")
@@ -109,22 +117,6 @@ def train(
     say(f"chosen: seed {at['seed']}, round {at['round']}: {by}")
     say(f"instances: {len(split.train)} for training, {len(split.validation)} for validation")
     say(f"time: {seconds:.1f} s")
-    say(f"policy: {out}")
-
-
-def _check_out(out: Path) -> None:
-    """Refuse, before training, a file that could not be written or is somebody's own."""
-    from optkit.learning.trained import FORMAT
-
-    check_file(out, ".json")
-    if not out.exists():
-        return
-    try:
-        found = parse_object(out.read_bytes())
-    except OSError:
-        found = None
-    if found is None or found.get("format") != FORMAT:
-        raise InputError(f"--out {out} exists and holds no trained policy: choose another")
 
 
 def _check_checkpoint(folder: Path | None) -> None:
