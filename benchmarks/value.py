@@ -89,7 +89,7 @@ def measure(name: str, seed: int, choice: str, group: str, trips: str | None, co
     def test(label, policy):
         reward = simulate(test_days, policy).reward
         cell["ratio"][label] = performance_ratio(reward, full, least).tolist()
-        cell["of arrival"][label] = performance_ratio(reward, arrival, least).tolist()
+        cell["of arrival"][label] = performance_ratio(reward, arrival, least, in_the_mean=True).tolist()
 
     if group == "light":
         test("myopic", PostDecisionPricing(**beliefs))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from optkit.basics.errors import SolverError
+
+ROUNDING = 1e-9
+"""Part of the money in play that sums in another order, on another machine, may differ by."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,8 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     Raises
     ------
     SolverError
-        If the certificate's solution is not feasible, or the certificate proves less than the bound claims.
+        If the certificate proves nothing or less than the bound claims, or if its solution is not feasible or attains
+        more than is proven.
 
     Examples
     --------
@@ -79,13 +84,18 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     optkit.basics.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
     """
     verdict = bound.certificate.check(subject)
-    if verdict.residual > 0:
+    if not verdict.residual <= 0:
         raise SolverError(f"the certificate's solution breaks a constraint by {verdict.residual:.3g}")
-    # The same sums in another order: rounding of the money in play.
-    money = max(1.0, abs(bound.value), float(abs(subject.penalty.sum())))
-    if not verdict.bound <= bound.value + 1e-9 * money:
+    _finite(verdict.bound)
+    rounding = ROUNDING * max(abs(bound.value), float(abs(subject.penalty.sum())))
+    if not verdict.bound <= bound.value + rounding:
         claim = f"the bound {bound.value:.9g} that is claimed"
         raise SolverError(f"the certificate proves {verdict.bound:.9g}, not {claim}")
+    if verdict.attained > verdict.bound + rounding:
+        raise SolverError(
+            f"the certificate's solution attains {verdict.attained:.9g}, more than the {verdict.bound:.9g} that nobody "
+            "can exceed: one of them is wrong"
+        )
     return verdict
 
 
@@ -118,16 +128,31 @@ class Bound:
     Attributes
     ----------
     value : float
-        The bound, in money.
+        The bound, in money; finite.
     kind : str
         What is assumed known: ``"full information"``, ...
     certificate : Certificate
         Its proof; ``certificate.check(instance)`` recomputes the bound (of a model, ``certificate.check(model)``).
     solver : SolverRecord
         How it was found.
+
+    Raises
+    ------
+    SolverError
+        If the value is NaN or infinite.
     """
 
     value: float
     kind: str
     certificate: Certificate[Any]
     solver: SolverRecord
+
+    def __post_init__(self) -> None:
+        _finite(self.value)
+
+
+def _finite(bound: float) -> None:
+    if not math.isfinite(bound):
+        raise SolverError(
+            f"the bound is {bound}, which bounds nothing: money, or money in units of mu, is beyond what floats hold"
+        )

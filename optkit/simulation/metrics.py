@@ -17,8 +17,17 @@ from optkit.instances.instance import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
+ROUNDING = 1e-10
+"""Part of the money in play that counts as nothing."""
 
-def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, total_penalty: npt.ArrayLike) -> Floats:
+
+def performance_ratio(
+    reward: npt.ArrayLike,
+    full_information: npt.ArrayLike,
+    total_penalty: npt.ArrayLike,
+    *,
+    in_the_mean: bool = False,
+) -> Floats:
     r"""Performance ratio of each instance, in per cent (paper section 4.3).
 
     .. math:: 100 \Big(1 - \frac{\rho^{opt} - \rho^{alg}}{\rho^{opt} - \sum_i \beta_i}\Big)
@@ -33,6 +42,8 @@ def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, to
         The full-information bound, in money.
     total_penalty : (B,) float
         Sum of the penalties of all requests, in money, at most 0.
+    in_the_mean : bool
+        Whether the bound is one on the mean, as with arrival information: single rewards may then exceed it.
 
     Returns
     -------
@@ -43,7 +54,8 @@ def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, to
     Raises
     ------
     InputError
-        If lengths differ, numbers are not finite, or a bound lies below the penalties.
+        If lengths differ, numbers are not finite, or a bound lies below the penalties or, beyond rounding, below the
+        reward.
 
     Examples
     --------
@@ -57,17 +69,23 @@ def performance_ratio(reward: npt.ArrayLike, full_information: npt.ArrayLike, to
             f"lengths differ: reward {earned.shape}, full_information {best.shape}, total_penalty {least.shape}"
         )
     room, short = best - least, best - earned
-    rounding = 1e-9 * np.maximum(1.0, np.abs(best))
+    rounding = ROUNDING * (np.abs(best) + np.abs(least))
     if (room < -rounding).any():
         b = int((room < -rounding).argmax())
         raise InputError(
             f"full_information[{b}] = {best[b]:g} lies below the penalties {least[b]:g}: no bound does; "
             f"are the arguments in order (reward, full_information, total_penalty)?"
         )
+    if not in_the_mean and (short < -rounding).any():
+        b = int((short < -rounding).argmax())
+        raise InputError(
+            f"reward[{b}] = {earned[b]:g} lies above full_information[{b}] = {best[b]:g}, which no policy earns: are "
+            "they of the same instances, in the same order? A bound on the mean alone is in_the_mean=True"
+        )
     gained = room > rounding
     ratio = np.where(short <= rounding, 100.0, -np.inf)
     ratio[gained] = 100.0 * (1.0 - short[gained] / room[gained])
-    return ratio
+    return ratio if in_the_mean else np.minimum(ratio, 100.0)
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ def _score(result: Result) -> float:
 
 
 def _ratio(result: Result, bounds: Result, kind: str = "full") -> Floats:
-    return performance_ratio(result["reward"], bounds[kind], bounds["penalty"])
+    return performance_ratio(result["reward"], bounds[kind], bounds["penalty"], in_the_mean=kind != "full")
 
 
 def _rows(run: StudyRun) -> Iterator[Row]:

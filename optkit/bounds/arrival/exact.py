@@ -190,7 +190,7 @@ def solve_subsets(
     """Solve with some requests tracked and multipliers on the others, and put the tables into a certificate."""
     program = _program(instance, tracked, multipliers, nonnegative)
     tables = tuple(program.tables())
-    value = program.constant + (float(tables[0][0]) if tables else 0.0)
+    value, _ = program.check(list(tables))
     details = {
         "largest_open_set": max((stage.requests.size for stage in program.stages), default=0),
         "largest_lattice": max((stage.uncertain for stage in program.stages), default=0),

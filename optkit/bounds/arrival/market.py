@@ -19,8 +19,7 @@ D(l) is an upper bound for *every* l >= 0, so that the multipliers alone are a p
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +28,7 @@ from scipy.special import wrightomega
 
 from optkit.basics.arrays import floats
 from optkit.bounds.bound import Verdict
+from optkit.bounds.rounding import EPS, sum_up
 from optkit.instances.instance import Floats, Instance, Ints
 
 
@@ -175,25 +175,20 @@ class OpenPairs:
         """``D(l) - sum n_i beta_i`` for the workers' ``ratio`` (J,) at these multipliers (n,), in money."""
         return float(self.count @ multipliers + scale * (self.presence * self.mu) @ ratio)
 
-    def rounding(self, multipliers: Floats, ratio: Floats) -> float:
-        """Bound on the error of D(l) in floating point, in money.
+    def bound(self, multipliers: Floats) -> float:
+        """D(l) for l >= 0 (n,), in money, rounded up so that it holds for the numbers of the instance.
 
-        W_0(exp z) moves no faster than z, and z = log sum exp no faster than its largest argument, so an error in the
-        arguments passes on undiminished at worst: four roundings of the money that each is made of, one of each of
-        the k_t terms of a sum, and eight of 1 + y_t for the special functions. The outer sums are exact but for one
-        rounding of each term (:func:`math.fsum`), the constant's for log2 n.
+        Each pair's advantage is raised by four roundings of the money that it is made of, so that pairs whom nobody
+        wants need not be known well. What remains are one rounding of each of the k_t terms of a worker's sum, eight of
+        1 + y_t for the special functions, and one of each term of the outer sums, the constant's for log2 n.
         """
-        money = self.largest_by_worker(self.money + multipliers[self.request])
+        error = EPS * 4.0 * (self.money + multipliers[self.request])
+        ratio, _ = replace(self, advantage=self.advantage + error).respond(multipliers)
         terms = np.diff(np.append(self.starts, self.size))
-        inner = 4.0 * money + self.mu * (terms + 8.0 * (1.0 + ratio))
-        outer = 2.0 * float(self.count @ multipliers) - self.constant * np.log2(2.0 + self.count.size)
-        return float(np.finfo(float).eps * (self.presence @ inner + outer))
-
-    def bound(self, multipliers: Floats, ratio: Floats) -> float:
-        """D(l) for l >= 0 (n,) and the workers' ratio (J,), in money, rounded up so that it holds for exact sums."""
         charged, earned = self.count * multipliers, self.presence * self.mu * ratio
-        value = math.fsum([self.constant, *charged.tolist(), *earned.tolist()])
-        return value + self.rounding(multipliers, ratio)
+        inner = EPS * (self.presence @ (self.mu * (terms + 8.0 * (1.0 + ratio))))
+        outer = EPS * (2.0 * charged.sum() - self.constant * np.log2(2.0 + self.count.size))
+        return sum_up([self.constant, *charged.tolist(), *earned.tolist(), inner, outer])
 
     def feasible_gain(self, multipliers: Floats, ratio: Floats, acceptance: Floats) -> float:
         """What a feasible solution earns beyond ``sum n_i beta_i``, in money.
@@ -222,10 +217,10 @@ class OpenPairs:
         prices = np.maximum(given, 0.0)
         residual = float(np.max(prices - given, initial=0.0))
         if not self.size:
-            return Verdict(self.constant + float(self.count @ prices), self.constant, residual)
-        ratio, acceptance = self.respond(prices)
-        attained = self.constant + self.feasible_gain(prices, ratio, acceptance)
-        return Verdict(self.bound(prices, ratio), attained, residual)
+            return Verdict(sum_up([self.constant, *(self.count * prices).tolist()]), self.constant, residual)
+        with np.errstate(over="ignore", invalid="ignore"):
+            attained = self.constant + self.feasible_gain(prices, *self.respond(prices))
+            return Verdict(self.bound(prices), attained if np.isfinite(attained) else -np.inf, residual)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from scipy.special import wrightomega
 
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.lattice import Bools, Stage, reachable
+from optkit.bounds.rounding import EPS, sufficient_rise, sum_up
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions
@@ -40,8 +41,12 @@ CHUNK = 1 << 10
 NEVER_HELD = 1e300
 """Value, in money, of a request whose price may have either sign: no markup lies above it."""
 
-EPS = float(np.finfo(float).eps)
 LOG_EPS = float(np.log(EPS))
+LARGEST = 600.0
+"""Log-odds up to which weights are summed as they are."""
+
+ENOUGH = 1e-8
+"""Rise of a table's profits, in units of mu, up to which they count as solved: rounding is far below it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +145,8 @@ class SubsetProgram:
             ratio = wrightomega(np.log(total) - 1.0)
         hard = np.isinf(total)
         ratio[hard] = 0.0
-        # A request held at 0 takes w (e^(x-1) - x) off the dual's left-hand side, where x = (v - R)/mu < 1: requests
-        # for which that is below the rounding of R need no look.
-        reach = 1.0 + np.abs(value) + scaled.max() - scaled.min() + ratio.max()
-        signed = np.flatnonzero(self.signed[stage.requests] & (logit + np.log(reach) > LOG_EPS))
+        reach = 1.0 + np.abs(value) + ratio.max() + (scaled.max() - scaled.min())
+        signed = np.flatnonzero(self._may_be_held(stage, logit, reach))
         if signed.size:
             short, weight = np.zeros(stage.states), np.exp(np.minimum(logit, 600.0))
             for i, shape, loss in _losses(stage, scaled, later, mu, signed.tolist()):
@@ -181,8 +184,9 @@ class SubsetProgram:
         """Prove a bound from tables, wherever they come from, and evaluate the policy that they imply.
 
         A table bounds a stage if ``R = W - F`` bounds each state's profit, for which the dual constraint of one
-        decision is enough (:func:`optkit.models.pricing.closed_form.dual_slack`). What a table is short of is added to
-        all its states and those of earlier stages alike, where it changes nothing.
+        decision is enough (:func:`optkit.bounds.rounding.sufficient_rise`). What a table is short of is added to all
+        its states and those of earlier stages alike, where it changes nothing. The rounding of all that is computed
+        here is added too, so that the bound holds for the numbers of the instance and of the tables.
 
         Parameters
         ----------
@@ -194,7 +198,7 @@ class SubsetProgram:
         Returns
         -------
         bound, attained : float
-            Money; NaN or infinite if the tables are so far off that floating point ends.
+            Money; infinite, and minus infinite, if the tables are so far off that floating point ends.
 
         Raises
         ------
@@ -203,52 +207,99 @@ class SubsetProgram:
         """
         if len(tables) != len(self.stages):
             raise InputError(f"{len(tables)} tables for {len(self.stages)} stages: give one per stage")
-        later, earned, raised = np.zeros(1), np.zeros(1), 0.0
+        later, earned, raised = np.zeros(1), np.zeros(1), []
         states = reachable(self.stages)
         for stage, table, rows in zip(reversed(self.stages), reversed(tables), reversed(states), strict=True):
             if table.shape != (stage.states,) or not np.isfinite(table).all():
                 raise InputError(
                     f"the table of step {stage.step} has shape {table.shape}; it needs {stage.states} finite numbers"
                 )
-            stay = stage.after[rows]
-            after, short = earned[stay], later[stay] - table[rows]
-            if stage.worker >= 0:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    profits = [self._check_rows(stage, table, later, earned, part) for part in _chunks(rows)]
-                short, profit = (np.concatenate(x) for x in zip(*profits, strict=True))
-                after = after + profit
-            raised += float(np.maximum(0.0, short.max()))  # unlike max, it lets a NaN through
-            earned = np.zeros(stage.states)
-            earned[rows] = after
-            z = _charge_before(stage, charge)
-            later, earned = table - z, earned - z
-        start = tables[0][0] if tables else 0.0
-        return self.constant + float(start) + raised, self.constant + float(earned[0])
+            kept, after = later[stage.after], earned[stage.after]
+            with np.errstate(over="ignore", invalid="ignore"):
+                needed = kept
+                if stage.worker >= 0:
+                    mu = float(self.instance.mu[self.instance.worker_group[stage.worker]])
+                    ratio = (table - kept) / mu
+                    rise, profit = self._prove(stage, ratio, later, earned)
+                    if not (rise[rows] <= ENOUGH).all():  # too low: the optimal profit in its place
+                        ratio = np.fmax(ratio, (self._before(stage, later) - kept) / mu)
+                        rise, profit = self._prove(stage, ratio, later, earned)
+                    needed, after = kept + mu * (ratio + rise), after + profit
+                size = sum(np.abs(x[rows]).max() for x in (needed, kept, table))
+                raised.append(float(np.maximum(0.0, (needed - table)[rows].max()) + 4.0 * EPS * size))
+                z = _charge_before(stage, charge)
+                later, earned = table - z, after - z
+                raised.append(EPS * float(np.abs(later).max()) if np.ndim(z) else 0.0)
+        start = float(tables[0][0]) if tables else 0.0
+        bound = sum_up([*self.instance.penalty, *self.multipliers, start, *raised])
+        attained = self.constant + float(earned[0])
+        return bound, attained if np.isfinite(attained) else -np.inf
 
-    def _check_rows(
-        self, stage: Stage, table: Floats, later: Floats, earned: Floats, rows: Ints
-    ) -> tuple[Floats, Floats]:
-        """Return what W falls short of proving the optimal profit, and the profit of its policy, (S,) each, money."""
-        offers = self.offers(stage, later, rows)
-        d = offers.decisions
-        ratio = (table[rows, None] - later[offers.stay, None]) / d.mu
-        size = np.abs(offers.value).max() / d.mu + np.abs(d.logit).max() + np.abs(ratio) + 1.0
-        rise = 16 * EPS * size
-        short = np.flatnonzero(~(closed_form.dual_slack(d, ratio + rise, nonnegative=True)[:, 0] >= 0))
-        rise[short] = _sufficient_rise(d.rows(short), ratio[short], rise[short])
-        compensation, acceptance, _ = offers.prices(ratio)
-        margin = self.worth[stage.requests] - compensation - (earned[offers.stay, None] - earned[offers.leave])
-        profit = np.where(offers.offered, acceptance * margin, 0.0).sum(axis=1)
-        return (d.mu * rise)[:, 0], profit
+    def _prove(self, stage: Stage, ratio: Floats, later: Floats, earned: Floats) -> tuple[Floats, Floats]:
+        """How much profits mu * ratio must rise to be proven, in units of mu, and what their policy earns, money.
 
+        Both for all subsets (2^k,), request by request as in :meth:`_before`, from the table of F and from that of the
+        policy's own future. ``error`` covers the rounding of a request's exponent and of x, so that terms that are too
+        small to count need not be known well.
+        """
+        mu, logit = self._preferences(stage)
+        group, i = self.instance.worker_group[stage.worker], stage.requests
+        value, scaled, own = self.worth[i] / mu, later.take(stage.after) / mu, earned.take(stage.after) / mu
+        far = float(np.abs(later).max()) / mu
+        steep = float(np.abs(ratio).max())
+        money = (np.abs(self.instance.reward) + np.abs(self.instance.penalty) + self.multipliers)[i] / mu
+        wish = (np.abs(self.instance.utility[group, i]) + abs(self.instance.outside_by_group[group])) / mu
+        error = EPS * (8.0 * money + 12.0 * far + 4.0 * steep + 4.0 * wish + 8.0)
+        signed = self._may_be_held(stage, logit, 1.0 + np.abs(value) + 2.0 * far + steep)
+        lift = self._lift(stage, np.where(signed, logit, 0.0))
+        one = np.exp(-lift)
+        alone = (np.arange(value.size) >= stage.uncertain) & (stage.kept == 0) & ~signed
+        above, below, slope, gained = (np.zeros(stage.states) for _ in range(4))
+        if alone.any():  # requests that nobody's service changes anything for are one
+            top = (value + logit - 1.0 + error)[alone]
+            joint = top.max() + np.log(np.exp(top - top.max()).sum()) + EPS * (top.size + 4.0 + 4.0 * np.abs(top.max()))
+            above += np.exp(joint - ratio + EPS * (2.0 * np.abs(joint) + 2.0 * steep) - lift)
+            slope += above * np.exp(-4.0 * error[alone].max())
+        others = np.flatnonzero(~alone).tolist()
+        losses = _losses(stage, scaled, later, mu, others)
+        theirs = _losses(stage, own, earned, mu, others)
+        for (k, shape, loss), (_, _, lost) in zip(losses, theirs, strict=True):
+            x = value[k] - loss - ratio.reshape(shape)[:, -1] + error[k]
+            offset = logit[k] + error[k] - 1.0 - (lift.reshape(shape)[:, -1] if lift.ndim else lift)
+            sure = np.exp(-4.0 * error[k])
+            if signed[k]:
+                q = np.exp(np.maximum(x, 1.0) + offset)
+                term = q * np.minimum(x, 1.0)
+                negative = np.minimum(term, 0.0)
+                above.reshape(shape)[:, -1] += term - negative
+                below.reshape(shape)[:, -1] += sure * negative
+            else:
+                q = np.exp(x + offset)
+                above.reshape(shape)[:, -1] += q
+            slope.reshape(shape)[:, -1] += sure * q
+            if np.ndim(loss) or np.ndim(lost):
+                gained.reshape(shape)[:, -1] += q * (loss - lost)
+        # The policy: c = v - mu (1 + ratio), or 0, so that the margin is mu (ratio + min(x, 1)), and what F misjudges.
+        profit = mu * (above + below + ratio * slope + gained) / (one + slope)
+        return sufficient_rise(above, below, slope, ratio, value.size, one), profit
 
-def _sufficient_rise(d: Decisions, ratio: Floats, rise: Floats) -> Floats:
-    """Double ``rise`` where it must be until the profits are feasible in the dual; all (S, 1), in units of mu."""
-    while True:
-        short = ~(closed_form.dual_slack(d, ratio + rise, nonnegative=True) >= 0) & np.isfinite(rise)
-        if not short.any():
-            return rise
-        rise = np.where(short, 2.0 * rise, rise)
+    def _may_be_held(self, stage: Stage, logit: Floats, reach: Floats) -> Bools:
+        """Which requests may be held at compensation 0 with an effect beyond the rounding of R, (k + c,).
+
+        A held request takes w (e^(x-1) - x) off the dual's left-hand side, where x = (v - R)/mu < 1 is at least
+        ``-reach``. To leave that out is valid: the bound is looser.
+        """
+        return np.asarray(self.signed[stage.requests] & (logit + np.log(reach) > LOG_EPS))
+
+    def _lift(self, stage: Stage, logit: Floats) -> Floats:
+        """Exponent by which a state's weights are scaled down where they would overflow, (2^k,), or one 0 for all."""
+        if logit.max(initial=0.0) <= LARGEST:
+            return np.zeros(())
+        lift = np.zeros(stage.states)
+        for i, shape, _ in _losses(stage, lift, np.zeros(1), 1.0, range(logit.size)):
+            held = lift.reshape(shape)[:, -1]
+            np.maximum(held, logit[i], out=held)
+        return lift
 
 
 def _charge_before(stage: Stage, charge: Charge | None) -> Floats | float:

@@ -12,9 +12,9 @@ from optkit.basics.errors import InputError
 from optkit.bounds.bound import Verdict
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.exact.states import Layer, StateSpace, state_space
+from optkit.bounds.rounding import EPS, proven_rise, sum_up
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions
-from optkit.models.pricing import closed_form
 
 _CHUNK = 1_000_000
 """Alternatives that are priced at once, for the sake of memory."""
@@ -24,11 +24,11 @@ _CHUNK = 1_000_000
 class ExactCertificate:
     """Value tables that no policy beats, and bounds on the profit of every single decision.
 
-    The proof: ``profit[t]`` bounds phi at every state and group, given the differences of ``value[t]``, because the
-    dual of one decision says so (:func:`optkit.models.pricing.closed_form.dual_slack`); then ``value[t - 1]`` need only
-    be at least the expectation of F + profit. Where it falls short by at most d, adding d to that whole table mends it
-    and leaves all differences as they are, so the bound is the expectation at the start plus the shortfalls of all
-    steps.
+    The proof: ``profit[t]``, or a little more (:func:`optkit.bounds.rounding.proven_rise`), bounds phi at every state
+    and group, given the differences of ``value[t]``, because the dual of one decision says so; then ``value[t - 1]``
+    need only be at least the expectation of F + profit. Where it falls short by at most d, adding d to that whole table
+    mends it and leaves all differences as they are, so the bound is the expectation at the start plus the shortfalls of
+    all steps, and the rounding of all that is computed here.
 
     Attributes
     ----------
@@ -53,8 +53,9 @@ class ExactCertificate:
         Returns
         -------
         Verdict
-            ``bound`` is ``inf`` if a decision's profit is not proven. ``attained`` is what a policy really earns, on
-            average, that offers ``max(0, v_i - mu - profit)`` as these tables have it; it sees the queue.
+            ``bound`` is ``inf`` if the tables are so far off that floating point ends. ``attained`` is what a policy
+            really earns, on average, that offers ``max(0, v_i - mu - profit)`` as these tables have it; it sees the
+            queue.
 
         Raises
         ------
@@ -62,25 +63,34 @@ class ExactCertificate:
             If a table does not have the shape that the model's states need, or holds NaN or infinity.
         """
         space = self._space(model)
-        shortfall, proven = 0.0, True
+        raised: list[float] = []
         needed = earned = np.zeros((1, model.queue + 1))
         for step in reversed(range(model.horizon)):
             layer, value, profit = space.layers[step], self.value[step], self.profit[step]
-            shortfall += max(0.0, float((needed - value).max()))
-            policy = np.zeros(profit.shape)
-            for part, group, d in decisions_of(model, space, layer, value):
-                ratio = profit[part, :, group].reshape(-1, 1) / d.mu
-                proven &= bool((closed_form.dual_slack(d, ratio, nonnegative=True) >= 0).all())
-                price = np.maximum(0.0, d.value - d.mu * (1.0 + ratio))
-                real = _worth(model, space, layer, earned, part)
-                acceptance, _ = softmax_with_outside(
-                    np.where(np.isneginf(d.advantage), -np.inf, d.logit + price / d.mu)
-                )
-                policy[part, :, group] = (acceptance * (real - price)).sum(axis=1).reshape(-1, model.queue + 1)
-            needed = expectation(model, space, layer, value, profit)
-            earned = expectation(model, space, layer, earned, policy)
-        bound = float(needed[0, 0]) + shortfall if proven else np.inf
-        return Verdict(bound=bound, attained=float(earned[0, 0]), residual=0.0)
+            with np.errstate(over="ignore", invalid="ignore"):
+                gap = float((needed - value).max())
+                far = float(np.abs(value).max())
+                raised.append(float(np.maximum(0.0, gap)) + 2.0 * EPS * (float(np.abs(needed).max()) + far))
+                policy, rise = np.zeros(profit.shape), 0.0
+                for part, group, d in decisions_of(model, space, layer, value):
+                    ratio = profit[part, :, group].reshape(-1, 1) / d.mu
+                    more = proven_rise(d, ratio, _error(model, d, ratio, group, far))
+                    rise = float(np.maximum(rise, (d.mu * more).max(initial=0.0)))
+                    ratio = ratio + more
+                    price = np.maximum(0.0, d.value - d.mu * (1.0 + ratio))
+                    real = _worth(model, space, layer, earned, part)
+                    acceptance, _ = softmax_with_outside(
+                        np.where(np.isneginf(d.advantage), -np.inf, d.logit + price / d.mu)
+                    )
+                    policy[part, :, group] = (acceptance * (real - price)).sum(axis=1).reshape(-1, model.queue + 1)
+                raised.append(rise)
+                needed = expectation(model, space, layer, value, profit)
+                expired = float(layer.count.sum(axis=1).max(initial=0) * np.abs(model.penalty).max())
+                money = far + float(np.abs(profit).max(initial=0.0)) + expired
+                raised.append(2.0 * EPS * _sums(model, layer) * (money + sum(raised)))
+                earned = expectation(model, space, layer, earned, policy)
+        attained = float(earned[0, 0])
+        return Verdict(sum_up([needed[0, 0], *raised]), attained if np.isfinite(attained) else -np.inf, 0.0)
 
     def _space(self, model: SmallModel) -> StateSpace:
         tables = (*self.value, *self.profit)
@@ -117,6 +127,19 @@ def decisions_of(
             mu = np.full((len(v), 1), model.mu[group])
             advantage = np.where(offered, (v + relative) / mu + copies, -np.inf)
             yield part, group, Decisions((len(v),), v, relative / mu + copies, mu, offered, advantage)
+
+
+def _error(model: SmallModel, d: Decisions, ratio: Floats, group: int, far: float) -> Floats:
+    """Rounding of each request's worth and exponent, (S, n), in units of mu, where values reach ``far``, in money."""
+    money = 8.0 * float(np.abs(model.reward).max() + np.abs(model.penalty).max()) + 12.0 * far
+    outside = 8.0 * abs(float(model.outside_by_group[group]))
+    return np.asarray(EPS * ((money + outside) / d.mu + 4.0 * np.abs(ratio) + 4.0 * np.abs(d.logit) + 8.0))
+
+
+def _sums(model: SmallModel, layer: Layer) -> int:
+    """Number of terms that are added up, one after the other, for an expectation."""
+    outcomes = sum(stream.probability.size for stream in model.streams)
+    return layer.count.shape[1] + 2 * (model.queue + 1) + model.mu.size + outcomes + 8
 
 
 def _worth(model: SmallModel, space: StateSpace, layer: Layer, value: Floats, part: slice) -> Floats:

@@ -33,8 +33,7 @@ from optkit.bounds.bound import Bound, SolverRecord
 from optkit.bounds.exact.certificate import ExactCertificate, decisions_of, expectation
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.exact.states import STATE_LIMIT, StateSpace, find, state_space
-from optkit.models.decision import Decisions
-from optkit.models.pricing.closed_form import dual_bound
+from optkit.models.pricing.closed_form import nonnegative
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,12 +227,12 @@ def solve_exactly(model: SmallModel, *, limit: int = STATE_LIMIT) -> ExactSoluti
     for layer in reversed(space.layers):
         profit = np.zeros((len(layer.after), model.queue + 1, model.mu.size))
         for part, group, d in decisions_of(model, space, layer, expected):
-            profit[part, :, group] = _proven_profit(d).reshape(-1, model.queue + 1)
+            profit[part, :, group] = (d.mu * nonnegative(d).ratio).reshape(-1, model.queue + 1)
         values.append(expected)
         profits.append(profit)
         expected = expectation(model, space, layer, expected, profit)
     certificate = ExactCertificate(tuple(reversed(values)), tuple(reversed(profits)))
-    return ExactSolution(model, space, float(expected[0, 0]), certificate)
+    return ExactSolution(model, space, certificate.check(model).bound, certificate)
 
 
 def exact_value(model: SmallModel, *, limit: int = STATE_LIMIT) -> Bound:
@@ -275,10 +274,3 @@ def exact_value(model: SmallModel, *, limit: int = STATE_LIMIT) -> Bound:
     }
     record = SolverRecord("backward induction", "certified", time.perf_counter() - started, details)
     return Bound(solution.value, "exact", solution.certificate, record)
-
-
-def _proven_profit(d: Decisions) -> Floats:
-    """The optimal profit of each decision, rounded up so that its dual proves it on any machine, (S, 1), money."""
-    bound, rounding = dual_bound(d)
-    nothing_offered = np.isneginf(d.advantage).all(axis=1, keepdims=True)
-    return np.where(nothing_offered, 0.0, bound + rounding)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,9 @@ from optkit.bounds.exact.small_model import SmallModel
 
 STATE_LIMIT = 1_000_000
 """States over all steps that :func:`state_space` lists unless told otherwise: seconds of work."""
+
+BYTES = 1 << 27
+"""Memory that the lists of waiting sets may take: a row has a number for every kind. The work takes some times more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ def state_space(model: SmallModel, limit: int = STATE_LIMIT) -> StateSpace:
     Raises
     ------
     InputError
-        If there are more states than ``limit``.
+        If there are more states than ``limit``, or so many kinds that the states take more than :data:`BYTES`.
 
     Examples
     --------
@@ -91,13 +94,18 @@ def state_space(model: SmallModel, limit: int = STATE_LIMIT) -> StateSpace:
     >>> [layer.count.ravel().tolist() for layer in space.layers], space.size  # up to 1, then 2 open requests
     ([[0, 1], [0, 1, 2]], 5)
     """
-    lifetime = np.minimum(model.lifetime, model.horizon - 1)
-    kind = np.array([(k, left) for k, life in enumerate(lifetime) for left in range(life + 1)])
+    lifetime, lengths = np.minimum(model.lifetime, model.horizon - 1), model.queue + 1
+    if model.horizon * lengths > limit:
+        raise _too_many(model, f"by step {model.horizon - 1}", limit)
+    if float(lifetime.sum()) > BYTES:
+        raise _too_wide(model, "by step 0")
+    of_type = np.repeat(np.arange(lifetime.size), lifetime + 1)
+    kind = np.column_stack([of_type, np.arange(of_type.size) - np.searchsorted(of_type, of_type)])
     first = np.flatnonzero(kind[:, 1] == 0)
     most = sum(int(stream.count.max(initial=0)) * int(lifetime.max() + 1) for stream in model.streams)
     rows: npt.NDArray[Any] = np.zeros((1, len(kind)), dtype=np.min_scalar_type(most + 1))
     layers: list[Layer] = []
-    size, lengths = 0, model.queue + 1
+    size, taken = 0, 0
     entry, arriving = rows, np.zeros(0, dtype=np.int64)
     for step in range(model.horizon):
         column = first + np.minimum(lifetime, model.horizon - 1 - step)
@@ -105,7 +113,9 @@ def state_space(model: SmallModel, limit: int = STATE_LIMIT) -> StateSpace:
             layers.append(layers[-1])
         else:
             entry, arriving = rows, column
-            layers.append(_layer(model, kind, rows, column, (limit - size) // lengths, f"by step {step}", limit))
+            room = _Room(model, f"by step {step}", limit, (limit - size) // lengths, (BYTES - taken) // rows[0].nbytes)
+            layers.append(_layer(model, kind, rows, column, room))
+            taken += layers[-1].waiting.nbytes
         rows = layers[-1].waiting
         size += lengths * len(layers[-1].after)
         if size > limit:
@@ -113,26 +123,41 @@ def state_space(model: SmallModel, limit: int = STATE_LIMIT) -> StateSpace:
     return StateSpace(tuple(layers), kind, size)
 
 
-def _layer(model: SmallModel, kind: Ints, rows: Any, column: Ints, room: int, when: str, limit: int) -> Layer:
+class _Room(NamedTuple):
+    """How many more sets may be listed: as states, and as rows that fit into the memory."""
+
+    model: SmallModel
+    when: str
+    limit: int
+    states: int
+    rows: int
+
+    def check(self, sets: int) -> None:
+        """Raise an InputError if these are too many."""
+        if sets > self.states:
+            raise _too_many(self.model, self.when, self.limit)
+        if sets > self.rows:
+            raise _too_wide(self.model, self.when)
+
+
+def _layer(model: SmallModel, kind: Ints, rows: Any, column: Ints, room: _Room) -> Layer:
     # One step nearer to expiry: the columns of a type move to the left.
     open_ = np.zeros_like(rows)
     later = np.flatnonzero(kind[:, 1] > 0)
     open_[:, later - 1] = rows[:, later]
     # Requests of a kind that nobody has yet make all combinations different; else those with one set still are.
     outcomes = prod(len(stream.count) for stream in model.streams)
-    if (outcomes if open_[:, column].any() else outcomes * len(open_)) > room:
-        raise _too_many(model, when, limit)
+    room.check(outcomes if open_[:, column].any() else outcomes * len(open_))
     enters = []
     for stream in model.streams:
         coming = np.zeros((len(stream.count), len(kind)), dtype=rows.dtype)
         coming[:, column] = stream.count
         joined = open_[:0]
-        per = max(1, 2_000_000 // len(open_))  # outcomes at a time, for the sake of memory
+        per = max(1, min(2_000_000, BYTES // open_[0].nbytes) // len(open_))  # outcomes at a time, to save memory
         for s in range(0, len(coming), per):
             new = (open_[:, None] + coming[s : s + per]).reshape(-1, len(kind))
             joined = _distinct(np.concatenate([joined, new]))
-            if len(joined) > room:
-                raise _too_many(model, when, limit)
+            room.check(len(joined))
         place = [find(joined, open_ + one) for one in coming]
         enters.append(np.stack(place, axis=1))
         open_ = joined
@@ -156,12 +181,25 @@ def _layer(model: SmallModel, kind: Ints, rows: Any, column: Ints, room: int, wh
 
 
 def _too_many(model: SmallModel, when: str, limit: int) -> InputError:
+    return InputError(
+        f"the model has more than {limit} states {when} of {_of_what(model)}: take fewer or "
+        "shorter-lived types, a shorter horizon, or raise limit="
+    )
+
+
+def _too_wide(model: SmallModel, when: str) -> InputError:
+    return InputError(
+        f"the model's states, with a number for each kind, take more than {BYTES >> 20} MB {when} of "
+        f"{_of_what(model)}: take fewer or shorter-lived types, or a shorter horizon"
+    )
+
+
+def _of_what(model: SmallModel) -> str:
     kinds = int((np.minimum(model.lifetime, model.horizon - 1) + 1).sum())
     most = sum(int(stream.count.sum(axis=1).max()) for stream in model.streams)
-    return InputError(
-        f"the model has more than {limit} states {when} of {model.horizon}, with up to {most} arrivals a step, "
-        f"{kinds} kinds of request (type, steps left) and {model.queue + 1} lengths of the queue: take fewer or "
-        "shorter-lived types, a shorter horizon, or raise limit="
+    return (
+        f"{model.horizon}, with up to {most} arrivals a step, {kinds} kinds of request (type, steps left) and "
+        f"{model.queue + 1} lengths of the queue"
     )
 
 

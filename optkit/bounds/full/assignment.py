@@ -10,6 +10,7 @@ from optkit.basics.errors import InputError
 from optkit.bounds.bound import Verdict
 from optkit.bounds.full.edges import edges, pair_values
 from optkit.bounds.full.shadow_prices import repair
+from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Floats, Instance, Ints
 
 
@@ -75,8 +76,7 @@ class AssignmentCertificate:
         if worker.shape != request.shape or worker.ndim != 1:
             raise InputError(f"worker has shape {worker.shape} and request {request.shape}: give one of each per pair")
         y, z = repair(edges(instance), prices)
-        constant = float(instance.penalty.sum())
-        bound = constant + float(y.sum()) + float(z.sum())
+        bound = sum_up([*instance.penalty.tolist(), *y.tolist(), *z.tolist()])
 
         pairs = pair_values(instance)
         inside = (worker >= 0) & (worker < J) & (request >= 0) & (request < n)
@@ -85,5 +85,5 @@ class AssignmentCertificate:
         meets = bool(inside.all() and (at < key.size).all() and (key[at] == wanted).all())
         overuse = max(np.bincount(side[inside]).max(initial=1) - 1 for side in (worker, request))
         residual = max(float(overuse), float(not meets))
-        attained = -np.inf if residual else constant + float(pairs.value[at].sum())
+        attained = -np.inf if residual else float(instance.penalty.sum()) + float(pairs.value[at].sum())
         return Verdict(bound=bound, attained=attained, residual=residual)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from optkit.bounds.rounding import add_up
 from optkit.instances.instance import Floats, Instance, Ints
 
 
@@ -89,7 +90,7 @@ def pair_values(instance: Instance) -> PairValues:
     Returns
     -------
     PairValues
-        ``worker``, ``request`` and ``value``, each (p,), sorted by worker and then by request.
+        ``worker``, ``request`` and ``value``, each (p,), sorted by worker and then by request; values are rounded up.
 
     Raises
     ------
@@ -116,9 +117,11 @@ def pair_values(instance: Instance) -> PairValues:
         utility = instance.utility[0][request]
     else:
         utility = instance.utility.ravel()[group[worker] * instance.n_requests + request]
-    idle = instance.outside_by_group[group] + np.asarray(instance.outside_noise)
-    compensation = np.maximum(idle[worker] - utility - noise, 0.0)
-    return PairValues(worker, request, (instance.reward - instance.penalty)[request] - compensation)
+    lower_idle = add_up(-instance.outside_by_group[group], -np.asarray(instance.outside_noise))
+    spared = add_up(add_up(utility, noise), lower_idle[worker])  # what he would pay for working, if positive
+    return PairValues(
+        worker, request, add_up(add_up(instance.reward, -instance.penalty)[request], np.minimum(spared, 0.0))
+    )
 
 
 def edges(instance: Instance) -> Edges:

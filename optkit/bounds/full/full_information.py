@@ -16,6 +16,7 @@ from optkit.bounds.full.matching import dense_matching
 from optkit.bounds.full.matching_program import solve_matching_program
 from optkit.bounds.full.shadow_prices import duals_of_dense_matching, duals_of_matching, repair
 from optkit.bounds.full.windows import solve_by_windows, value_of_pairs
+from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Instance
 
 Method = Literal["lp", "milp", "assignment"]
@@ -94,7 +95,8 @@ def full_information(instance: Instance, method: Method | None = None, *, time_l
         proof, status, details = _by_dense_matching(graph)
     else:
         proof, status, details = _by_windows(graph, stop_at)
-    value = graph.constant + float(proof.request_dual.sum()) + float(proof.worker_dual.sum())
+    y, z = repair(graph, proof.request_dual)
+    value = sum_up([*instance.penalty.tolist(), *y.tolist(), *z.tolist()])
     details["edges"] = graph.size
     record = SolverRecord(method or "assignment", status, time.perf_counter() - started, details)
     return Bound(value, "full information", proof, record)

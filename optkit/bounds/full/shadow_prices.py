@@ -23,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from optkit.bounds.full.edges import Edges
+from optkit.bounds.rounding import add_up
 from optkit.instances.instance import Floats, Ints
 
 ROUNDING = 1e-13
@@ -42,10 +43,11 @@ def repair(edges: Edges, request_dual: Floats) -> tuple[Floats, Floats]:
     Returns
     -------
     y, z : (n,) and (J,) float
-        Feasible duals, in money. By weak duality ``sum(y) + sum(z)`` is at least the value of every matching.
+        Feasible duals, in money, z rounded up. By weak duality ``sum(y) + sum(z)`` is at least the value of every
+        matching.
     """
     y = np.maximum(request_dual, 0.0)
-    return y, edges.best_per_worker(edges.value - y[edges.request])
+    return y, edges.best_per_worker(add_up(edges.value, -y[edges.request]))
 
 
 def duals_of_matching(edges: Edges, worker: Ints, request: Ints, value: Floats) -> tuple[Floats, Floats]:

@@ -15,6 +15,7 @@ from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
 from optkit.bounds.penalised.charges import Charges, KeptCharges
 from optkit.bounds.penalised.foresight import Foresight, join_requests
+from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.models.value.request_sets import SetValue
 
@@ -78,7 +79,7 @@ class PenalizedCertificate:
         charges = KeptCharges.of(self.charges)
         bound, attained = program.check(list(self.tables), charges)
         idle = self.charges.idle(idle_steps(program))
-        return Verdict(bound=bound - idle, attained=attained - idle, residual=0.0)
+        return Verdict(bound=sum_up([bound, -idle]), attained=attained - idle, residual=0.0)
 
 
 def penalized(
@@ -145,8 +146,9 @@ def penalized(
     multipliers = np.where(tracked, 0.0, _multipliers(instance, tracked))
     program = penalized_program(instance, tracked, multipliers)
     charges = Charges(instance, value, foresight, seed, charged)
-    tables = tuple(program.tables(charges))
-    start = float(tables[0][0]) if tables else 0.0
+    kept = KeptCharges.of(charges)
+    tables = tuple(program.tables(kept))
+    path, _ = program.check(list(tables), kept)
     details = {
         "largest_lattice": max((stage.uncertain for stage in program.stages), default=0),
         "states": sum(stage.states for stage in program.stages),
@@ -157,7 +159,7 @@ def penalized(
     method = "exact" if tracked.all() else "hybrid"
     record = SolverRecord(method, "solved", time.perf_counter() - started, details)
     certificate = PenalizedCertificate(tables, limit, multipliers, charges)
-    return Bound(program.constant + start - charges.idle(idle_steps(program)), KIND, certificate, record)
+    return Bound(sum_up([path, -charges.idle(idle_steps(program))]), KIND, certificate, record)
 
 
 def penalized_program(instance: Instance, tracked: Bools, multipliers: Floats) -> SubsetProgram:

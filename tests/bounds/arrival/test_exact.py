@@ -14,6 +14,7 @@ from optkit.bounds.arrival.exact import arrival_exact, arrival_exact_batch
 from optkit.bounds.arrival.lattice import stages
 from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import Bound, prove
+from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Instance
 from optkit.models.pricing import optimal_prices
 from optkit.policies import PostDecisionPricing, RewardPercentage
@@ -156,8 +157,8 @@ def test_a_certificate_that_does_not_fit_is_refused(random_instance, change):
 def test_with_nobody_to_serve_or_to_be_served_the_penalties_are_paid(random_instance, sizes):
     day = random_instance(np.random.default_rng(7), **sizes)
     bound = arrival_exact(day)
-    assert bound.value == day.penalty.sum()
-    assert prove(bound, day).gap == 0
+    assert bound.value == sum_up(day.penalty)
+    assert prove(bound, day).gap <= 1e-15 * abs(bound.value)
     assert bound.solver.details["states"] == 0
 
 

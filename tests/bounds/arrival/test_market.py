@@ -180,7 +180,7 @@ def test_a_negative_multiplier_breaks_weak_duality_and_is_refused(random_instanc
 @pytest.mark.parametrize("wrong", [np.zeros(7), np.zeros((8, 1)), np.full(8, np.nan), np.full(8, np.inf)])
 def test_multipliers_that_do_not_fit_are_refused(random_instance, wrong):
     day = random_instance(np.random.default_rng(5))
-    with pytest.raises(InputError, match="each of the 8 requests"):
+    with pytest.raises(InputError, match=r"multipliers has shape|multipliers\[0\] is"):
         MultiplierCertificate(wrong).check(day)
 
 

@@ -329,11 +329,11 @@ def lowered(certificate, name, step, where, by):
 
 
 @pytest.mark.parametrize("by", [1e-6, 0.1, 50.0])
-def test_a_lowered_profit_proves_nothing(by):
-    """A bound on one decision's profit that is too small fails its dual, so the certificate proves infinity."""
+def test_a_lowered_profit_proves_no_less(by):
+    """A bound on one decision's profit that is too small fails its dual, and is raised until it does not."""
     bound = exact_value(SCARCE)
     forged = lowered(bound.certificate, "profit", 4, (17, 0, 1), by)
-    assert forged.check(SCARCE).bound == np.inf
+    assert forged.check(SCARCE).bound >= bound.value + 0.3 * by
     with pytest.raises(SolverError, match="claimed"):
         prove(replace(bound, certificate=forged, value=bound.value - by), SCARCE)
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from optkit.basics.errors import InputError, InstanceError, SolverError
 from optkit.bounds import Bound, full_information
+from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Instance
 
 METHODS = (None, "assignment", "lp", "milp")
@@ -117,16 +118,16 @@ def test_windows_programs_and_default_agree_on_a_long_horizon(random_instance, t
 def test_where_nothing_is_worth_serving_all_penalties_are_paid(random_instance, kind, method):
     day = random_instance(np.random.default_rng(7), **kind)
     bound = full_information(day, method)
-    assert bound.value == day.penalty.sum()
+    assert bound.value == sum_up(day.penalty)
     assert bound.certificate.worker.size == 0
-    assert bound.certificate.check(day).gap == 0
+    assert bound.certificate.check(day).gap <= 1e-15 * abs(bound.value)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_nobody_meets_anybody(random_instance, method):
     day = random_instance(np.random.default_rng(8))
     day = replace(day, horizon=40, worker_step=np.arange(20, 20 + day.n_workers))
-    assert full_information(day, method).value == day.penalty.sum()
+    assert full_information(day, method).value == sum_up(day.penalty)
 
 
 def test_the_bound_says_what_it_is(random_instance):

@@ -43,7 +43,7 @@ def test_a_time_limit_is_an_error_and_no_answer(random_instance, integer):
 def test_the_solver_says_nothing():
     """Standard output belongs to the caller; HiGHS 1.16 greets there from C, once, as a first object is made."""
     code = (
-        "from optkit.instances.scenario import scenario\n"
+        "from optkit import scenario\n"
         "from optkit.bounds import full_information\n"
         "day = scenario('I.1', seed=0).sample(1, seed=1)[0]\n"
         "print([full_information(day, method=method).solver.status for method in ('lp', 'milp')])\n"

@@ -1,0 +1,89 @@
+"""Forged certificates of every kind of bounds, judged in 60 digits: see :mod:`tests.bounds.forged`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optkit.basics.errors import SolverError
+from optkit.bounds import Bound, SolverRecord
+from optkit.bounds.arrival.market import OpenPairs
+from optkit.bounds.bound import Verdict, prove
+from tests.bounds import forged
+from tests.bounds.kinds import KINDS
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_no_forgery_proves_less_than_the_optimum(name):
+    """Factors, signs, swaps, shifts by 1e17, NaN and last digits: refused, or proven and not below; some are each."""
+    became = forged.attempt(name, 0, each=30)
+    assert min(became["refused"], became["proven"]) > 0
+
+
+def test_a_bound_without_its_rounding_is_found(monkeypatch):
+    """The judge sees the last digits: a dual that is rounded down, by as little as floats tell apart, does not pass."""
+    right = OpenPairs.bound
+
+    def lower(market, multipliers):
+        value = right(market, multipliers)
+        return value - 1e-13 * abs(value)
+
+    monkeypatch.setattr(OpenPairs, "bound", lower)
+    with pytest.raises(AssertionError, match="lagrangian"):
+        forged.attempt("arrival, lagrangian", 0, each=1)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_bound_holds_what_bounds_nothing(value):
+    """NaN and infinity are refused where a bound is made, and where one is proven."""
+    with pytest.raises(SolverError, match="bounds nothing"):
+        Bound(value, "any", _Says(Verdict(0.0, 0.0, 0.0)), SolverRecord("none", "none", 0.0))
+    day = KINDS["arrival, exact"].subject(np.random.default_rng(0))
+    honest = Bound(1e9, "any", _Says(Verdict(value, 0.0, 0.0)), SolverRecord("none", "none", 0.0))
+    with pytest.raises(SolverError, match="bounds nothing"):
+        prove(honest, day)
+
+
+def test_a_solution_that_attains_more_than_is_proven_is_refused():
+    """One of the two is wrong, and it may be the proof."""
+    day = KINDS["arrival, exact"].subject(np.random.default_rng(0))
+    honest = Bound(5.0, "any", _Says(Verdict(5.0, 6.0, 0.0)), SolverRecord("none", "none", 0.0))
+    with pytest.raises(SolverError, match="attains 6, more than the 5"):
+        prove(honest, day)
+
+
+class _Says:
+    """A certificate that says what it was told to."""
+
+    def __init__(self, verdict):
+        self.verdict = verdict
+
+    def check(self, subject):
+        return self.verdict
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+@pytest.mark.parametrize("name", [name for name in KINDS if name != "arrival, program"])
+def test_verdicts_do_not_depend_on_the_unit_of_money(name, unit):
+    """Claims a little too low, and much, stand or fall alike, whatever a unit of money is worth."""
+    kind = KINDS[name]
+    plain = kind.subject(np.random.default_rng(5))
+    plain = in_units(plain, 1.0 / np.median(plain.reward))
+    for lower in (0.0, 1e-12, 1e-7, 0.1):
+        told = []
+        for one in (plain, in_units(plain, unit)):
+            bound = kind.bound(one)
+            try:
+                prove(replace(bound, value=bound.value - lower * abs(bound.value)), one)
+                told.append("proven")
+            except SolverError:
+                told.append("refused")
+        assert told == ["proven" if lower < 1e-9 else "refused"] * 2
+
+
+MONEY = ("reward", "penalty", "utility", "mu", "outside_utility", "noise", "outside_noise")
+
+
+def in_units(subject, unit):
+    """The same, with all money in another unit."""
+    return replace(subject, **{name: unit * getattr(subject, name) for name in MONEY if hasattr(subject, name)})
