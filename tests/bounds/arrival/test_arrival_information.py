@@ -142,7 +142,7 @@ def test_with_nobody_to_serve_or_to_be_served_the_penalties_are_paid(random_inst
     day = random_instance(np.random.default_rng(2), **sizes)
     bound = arrival_information(day, method)
     assert bound.value == pytest.approx(day.penalty.sum(), rel=1e-14)
-    assert prove(bound, day).gap == 0
+    assert prove(bound, day).gap <= 1e-14 * abs(bound.value)
 
 
 def test_an_unknown_method_is_refused(busy):
