@@ -186,8 +186,8 @@ class OpenPairs:
         ratio, _ = replace(self, advantage=self.advantage + error).respond(multipliers)
         terms = np.diff(np.append(self.starts, self.size))
         charged, earned = self.count * multipliers, self.presence * self.mu * ratio
-        inner = EPS * (self.presence @ (self.mu * (terms + 8.0 * (1.0 + ratio))))
-        outer = EPS * (2.0 * charged.sum() - self.constant * np.log2(2.0 + self.count.size))
+        inner = EPS * float(self.presence @ (self.mu * (terms + 8.0 * (1.0 + ratio))))
+        outer = EPS * float(2.0 * charged.sum() - self.constant * np.log2(2.0 + self.count.size))
         return sum_up([self.constant, *charged.tolist(), *earned.tolist(), inner, outer])
 
     def feasible_gain(self, multipliers: Floats, ratio: Floats, acceptance: Floats) -> float:

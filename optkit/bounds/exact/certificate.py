@@ -139,7 +139,7 @@ def _error(model: SmallModel, d: Decisions, ratio: Floats, group: int, far: floa
 def _sums(model: SmallModel, layer: Layer) -> int:
     """Number of terms that are added up, one after the other, for an expectation."""
     outcomes = sum(stream.probability.size for stream in model.streams)
-    return layer.count.shape[1] + 2 * (model.queue + 1) + model.mu.size + outcomes + 8
+    return int(layer.count.shape[1] + 2 * (model.queue + 1) + model.mu.size + outcomes + 8)
 
 
 def _worth(model: SmallModel, space: StateSpace, layer: Layer, value: Floats, part: slice) -> Floats:
