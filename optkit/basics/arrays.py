@@ -33,6 +33,9 @@ T = TypeVar("T")
 EXACT = 2**53
 """Up to here every whole number is a float."""
 
+MOST_MONEY = 1e100
+"""Beyond, a sum or a square may no longer be a number."""
+
 _STRANGE = {"c": "complex numbers", "U": "text", "S": "text", "M": "dates", "m": "time spans", "V": "records"}
 
 

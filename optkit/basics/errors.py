@@ -28,7 +28,7 @@ class DataError(OptkitError):
 
 
 class PolicyError(OptkitError):
-    """A policy returned something that is not a feasible compensation decision."""
+    """A policy, or what it believes in, failed or returned something that is not a feasible compensation decision."""
 
 
 class SolverError(OptkitError, RuntimeError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -87,6 +88,8 @@ def main() -> None:
         try:
             app()
         except OptkitError as error:
+            if "--traceback" in sys.argv:
+                say(*"".join(traceback.format_exception(error)).splitlines(), err=True)
             _end(error)
         except MemoryError:
             _end("out of memory: take fewer or smaller instances")

@@ -12,9 +12,9 @@ import typer
 from optkit.basics.errors import InputError
 from optkit.basics.printable import printable
 from optkit.cli.console import open_source, progress_bar, say, say_json
-from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Traceback, Trips
 from optkit.cli.output import FIGURE, ROWS, write_rows
-from optkit.cli.policy_file import own_policy
+from optkit.cli.policy_file import own_policies
 
 if TYPE_CHECKING:
     from optkit.gap.charging import Charging
@@ -30,9 +30,9 @@ def certify(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help="myopic, linear, kernel, a file of optkit train, own.py:NAME for a policy of your own, or charging: "
-            "the policy of the value function that the penalised bound charges with; repeatable. Myopic and linear "
-            "by default."
+            help="myopic, linear, kernel, a file of optkit train, own.py:NAME for a policy of your own (the file is "
+            "run), or charging: the policy of the value function that the penalised bound charges with; repeatable. "
+            "Myopic and linear by default."
         ),
     ] = None,
     seed: Seed = 0,
@@ -67,6 +67,7 @@ def certify(
     plot: Annotated[Path | None, typer.Option(help="Also draw bounds and policies to this .png or .pdf file.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    traceback: Traceback = False,
 ) -> None:
     """Say, with proof, how far policies are at most from the best that any policy can earn.
 
@@ -83,7 +84,7 @@ def certify(
     if plot is not None:
         FIGURE.check(plot, "--plot", reads)
     wanted = policy or ["myopic", "linear"]
-    _check_policies(wanted)
+    given = _given_policies(wanted)
     shares = _shares(group_share)
     chosen = None if kinds is None else chosen_kinds([kind.strip() for kind in kinds.split(",")])
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
@@ -100,7 +101,7 @@ def certify(
         if charging is not None:
             more |= {"value": charging.value, "foresight": charging.foresight, "assumptions": charging.assumptions}
         more["assumptions"] = (*more.get("assumptions", ()), *noise)
-        named = _policies(wanted, split, charging, tell)
+        named = _policies(wanted, given, split, charging, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
     if as_json:
         say_json({"source": source, **report.to_dict()})
@@ -168,16 +169,14 @@ def _shares(text: str | None) -> list[float] | None:
         raise InputError(f"--group-share {text} is not of the form 0.3,0.7: numbers, one for each group") from None
 
 
-def _check_policies(wanted: list[str]) -> None:
-    """Refuse, before any work, a policy that is no name and no file, or comes twice."""
+def _given_policies(wanted: list[str]) -> dict[str, Policy]:
+    """Read the policies of files; refuse, before any work, one that is no name and no file, or comes twice."""
     from optkit.learning.trained import Trained
 
+    own = [name for name in wanted if not name.endswith(".json") and ".py:" in name]
+    given: dict[str, Policy] = {name: Trained.load(name).policy for name in wanted if name.endswith(".json")}
     for name in wanted:
-        if name.endswith(".json"):
-            Trained.load(name)
-        elif ".py:" in name:
-            own_policy(name)
-        elif name not in NAMED:
+        if name not in (*given, *own, *NAMED):
             raise InputError(
                 f"--policy {name}: take {', '.join(NAMED)}, a .json file that optkit train wrote, or own.py:NAME"
             )
@@ -185,6 +184,7 @@ def _check_policies(wanted: list[str]) -> None:
     for name in called:
         if called.count(name) > 1:
             raise InputError(f"two of the policies are called {name}: rename one")
+    return given | own_policies(own)
 
 
 def _called(name: str) -> str:
@@ -194,9 +194,12 @@ def _called(name: str) -> str:
 
 
 def _policies(
-    wanted: list[str], split: Split, charging: Charging | None, tell: Callable[[str, int, int], object]
+    wanted: list[str],
+    given: dict[str, Policy],
+    split: Split,
+    charging: Charging | None,
+    tell: Callable[[str, int, int], object],
 ) -> dict[str, Policy]:
-    from optkit.learning.trained import Trained
     from optkit.learning.training import train
     from optkit.policies import PostDecisionPricing
 
@@ -211,9 +214,7 @@ def _policies(
             found[name] = charging.policy
         elif name in NAMED:
             found[name] = train(split, name, choice="true").policy
-        elif ".py:" in name:
-            found[_called(name)] = own_policy(name)
         else:
-            found[_called(name)] = Trained.load(name).policy
+            found[_called(name)] = given[name]
     tell("policies", len(wanted), len(wanted))
     return found

@@ -21,4 +21,5 @@ Setting = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output instead of a table.")]
+Traceback = Annotated[bool, typer.Option("--traceback", help="If it fails, show where, before the line that says why.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.basics.arrays import read_only, real
-from optkit.basics.errors import PolicyError
+from optkit.basics.arrays import read_only
 from optkit.bounds.arrival.policy_value import Offer
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.simulation.batch import Batch
-from optkit.simulation.simulator import Policy
+from optkit.simulation.simulator import Policy, offers
 from optkit.simulation.state import Bools, State
 
 
@@ -30,7 +29,7 @@ def lattice_offers(instance: Instance, policy: Policy) -> Offer:
     Raises
     ------
     PolicyError
-        When called, if the policy returns another shape than it should, or no numbers.
+        When called, if the policy fails, or its offers are not feasible.
 
     Examples
     --------
@@ -57,18 +56,8 @@ def lattice_offers(instance: Instance, policy: Policy) -> Offer:
             # All belong to the first run, of the first instance.
             nought = np.zeros(some.size, np.int64)
             seen = (nought, nought, np.full(some.size, worker), request, offered)
-            found = _numbers(policy(State(batch, step, *read_only(seen))), step, offered.shape)
-            paid[some[:, None], column] = np.where(offered, found, 0.0)
+            found = offers(policy, State(batch, step, *read_only(seen)))
+            paid[some[:, None], column] = found
         return paid
 
     return offer
-
-
-def _numbers(found: object, step: int, shape: tuple[int, ...]) -> Floats:
-    paid = real(f"what the policy returned at step {step}", found, accept="any", error=PolicyError)
-    if paid.shape != shape:
-        raise PolicyError(
-            f"the policy returned shape {paid.shape} at step {step} for {shape} decisions and requests; "
-            "return a compensation for each"
-        )
-    return paid

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from optkit.basics.arrays import read_only
-from optkit.basics.errors import InputError, TrainingError
+from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Floats
 from optkit.learning.worker_presence import presence_after
 from optkit.models.preferences.preferences import Preferences
 from optkit.models.value.experience import Workers
-from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue
+from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, costs_of
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
 
@@ -89,21 +90,22 @@ class BelievedValue:
 
         Raises
         ------
+        PolicyError
+            If the value function fails.
         InputError
-            If the value function does not return a number for each request.
+            If it does not return a number for each request.
         TrainingError
             If it returns NaN or infinity.
         """
         waits = read_only(state.offered & (state.steps_left > 0))
         busy = state.busy if getattr(self.value, "sees_busy", False) else None
         sets = RequestSets(self._requests(state.batch), state.step, state.request, waits, busy)
-        cost = np.asarray(self.value.opportunity_cost(sets))
-        name = type(self.value).__name__
-        if cost.shape != waits.shape:
-            raise InputError(f"{name} returns opportunity costs of shape {cost.shape} for sets of shape {waits.shape}")
-        if not np.isfinite(cost).all():
-            raise TrainingError(f"{name} returns opportunity costs that are no numbers at step {state.step}")
-        return cost
+        with users_code(f"the opportunity_cost of {name_of(self.value)}, at step {state.step},"):
+            return costs_of(self.value, sets)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was priced last does not go along with the policy that priced it.
+        return {**vars(self), "_seen": {}}
 
     def _requests(self, batch: Batch) -> KnownRequests:
         """Return what is believed of the batch's requests, worked out once for each batch in a row."""

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from optkit.basics.arrays import floats, number, read_only, whole_number
 from optkit.basics.errors import InputError, TrainingError
+from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.instances.scenario import Scenario, Split
 from optkit.instances.splits import training_split
@@ -130,6 +131,8 @@ def train(
     InputError
         If an argument is out of range, there are no instances or no requests, or several seeds have nothing to be
         chosen by.
+    PolicyError
+        If a value function of your own fails.
     TrainingError
         If every seed diverged, or even the best earns significantly less than the myopic policy.
 
@@ -192,9 +195,10 @@ def _tell(progress: Callable[[int, int], object] | None, before: int, total: int
 
 def _seeded(estimator: Estimator, seed: int) -> Estimator:
     """Return a copy that is not fitted further than the original, with a seed of its own if it takes one."""
-    one = copy.deepcopy(estimator)
-    if hasattr(one, "seed"):
-        one.seed = seed
+    with users_code(f"copying {name_of(estimator)} and giving it a seed", InputError):
+        one = copy.deepcopy(estimator)
+        if hasattr(one, "seed"):
+            one.seed = seed
     return one
 
 
@@ -250,8 +254,10 @@ class _Course:
                 preferences = refit(offers, self.choice == "pooled", known_attributes(self.batch))
             row: dict[str, Any] = {"seed": number, "round": k + 1, "deviation": deviation}
             try:
-                estimator.fit(self._experience(preferences, last.step))
-                policy = _policy(copy.deepcopy(estimator), preferences)
+                with users_code(f"the fit of {name_of(estimator)}"):
+                    estimator.fit(self._experience(preferences, last.step))
+                    fitted = copy.deepcopy(estimator)
+                policy = _policy(fitted, preferences)
                 score = float(self._scores(policy).mean()) if len(self.validation) else float(k + 1)
             except TrainingError as error:
                 record.append({**row, "score": None, "error": str(error)})

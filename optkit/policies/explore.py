@@ -9,7 +9,7 @@ import numpy as np
 from optkit.basics.arrays import number
 from optkit.basics.seeds import check_seed, step_generator
 from optkit.instances.instance import Floats
-from optkit.simulation.simulator import Policy
+from optkit.simulation.simulator import Policy, offers
 from optkit.simulation.state import State
 
 
@@ -90,5 +90,5 @@ class Explore:
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""
         rng = step_generator(self.seed, state.step)
-        offer = np.asarray(self.policy(state), dtype=float)
+        offer = offers(self.policy, state)
         return np.maximum(offer + rng.normal(0.0, self.deviation, offer.shape), 0.0)

@@ -7,7 +7,9 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import MOST_MONEY, Bools, check_shape, real
+from optkit.basics.errors import InputError, PolicyError
+from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Floats
 from optkit.models.pricing import optimal_prices
 from optkit.simulation.state import State
@@ -119,15 +121,42 @@ class PostDecisionPricing:
     def value(self, state: State) -> Floats:
         """What serving each request now is worth before paying for it, (b, w), money (Lemma 1)."""
         spared = np.where(state.expiring, state.penalty, 0.0)
-        return np.asarray(state.reward - spared - self.value_function.opportunity_cost(state))
+        shape = state.offered.shape
+        cost = _believed(self.value_function, "opportunity_cost", state, shape, open_=state.offered)
+        return np.asarray(state.reward - spared - cost)
 
     def __call__(self, state: State) -> Floats:
         """Compensations (b, w), in money."""
         return optimal_prices(
             self.value(state),
-            self.choice.utility(state),
-            self.choice.mu(state),
-            outside_utility=self.choice.outside_utility(state),
+            _believed(self.choice, "utility", state, state.offered.shape, open_=state.offered),
+            _believed(self.choice, "mu", state, state.worker.shape, above=0.0),
+            outside_utility=_believed(self.choice, "outside_utility", state, state.worker.shape),
             nonnegative=self.nonnegative,
             offered=state.offered,
         ).compensation
+
+
+def _believed(
+    model: object,
+    method: str,
+    state: State,
+    shape: tuple[int, ...],
+    *,
+    open_: Bools | bool = True,
+    above: float = -np.inf,
+) -> Floats:
+    """Ask a model, which may be the user's own, for finite numbers of a shape; in padding it may say anything."""
+    what = f"the {method} of {name_of(model)}, at step {state.step},"
+    with users_code(what):
+        found = real(what, getattr(model, method)(state), accept="any", error=PolicyError)
+    check_shape(what, found, shape, error=PolicyError)
+    wrong = open_ & ~((np.abs(found) <= MOST_MONEY) & (found > above))
+    if method == "utility":  # who cannot serve a request says so
+        wrong &= ~np.isneginf(found)
+    if wrong.any():
+        need = f"finite numbers above {above:g}" if above > -np.inf else "finite numbers"
+        raise PolicyError(
+            f"{what} is {found[wrong][0]}: it needs {need}, of moderate size, wherever there is a request"
+        )
+    return found

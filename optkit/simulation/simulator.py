@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import read_only, real
+from optkit.basics.arrays import MOST_MONEY, read_only, real
 from optkit.basics.errors import PolicyError
+from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Floats, Instance, Ints
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import Bools, State
@@ -91,8 +92,7 @@ def simulate(
     Raises
     ------
     PolicyError
-        If the policy returns the wrong shape, NaN, infinity or a negative compensation, or pays more in all than a
-        number can hold.
+        If the policy fails, or returns the wrong shape, NaN, infinity or a negative compensation.
     InputError, InstanceError
         If the instances do not fit together or have no noise.
 
@@ -127,7 +127,7 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
         row = np.flatnonzero((worker >= 0) & (open_[:, 0] >= 0))
         if row.size:
             state = _state(batch, step, row, instance[row], worker[row], open_[row])
-            offer = _checked(policy(state), state)
+            offer = offers(policy, state)
             taken = read_only(_choose(state, offer))
             if observe is not None:
                 observe(state, offer, taken)
@@ -182,20 +182,37 @@ def _state(batch: Batch, step: int, row: Ints, instance: Ints, worker: Ints, ope
     return State(batch, step, *read_only((row, instance, worker, request, offered)))
 
 
-def _checked(compensation: npt.ArrayLike, state: State) -> Floats:
-    """Return compensations as floats, 0 where nothing is offered, or raise a PolicyError naming the first offence."""
-    offer = real(f"what the policy returned at step {state.step}", compensation, accept="any", error=PolicyError)
+def offers(policy: Policy, state: State) -> Floats:
+    """Ask a policy: its compensations (b, w), in money, 0 where nothing is offered.
+
+    Raises
+    ------
+    PolicyError
+        If it fails, with its own exception as the cause, or its offers are not feasible; the first offence is named.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> asked = []
+    >>> done = simulate(scenario("I.1", seed=0).sample(2, seed=1), lambda state: asked.append(state) or state.reward)
+    >>> bool((offers(lambda state: 0.5 * state.reward, asked[0]) <= asked[0].reward).all())
+    True
+    """
+    name = name_of(policy)
+    with users_code(f"the policy {name}, at step {state.step},"):
+        what = f"what the policy {name} returned at step {state.step}"
+        offer = real(what, policy(state), accept="any", error=PolicyError)
     if offer.shape != state.offered.shape:
         shapes = f"shape {offer.shape} at step {state.step} for {state.offered.shape} decisions and requests"
-        raise PolicyError(f"the policy returned {shapes}; return a compensation for each")
+        raise PolicyError(f"the policy {name} returned {shapes}; return a compensation for each")
     # NaN fails the comparison too.
-    wrong = state.offered & ~((offer >= 0) & (offer < np.inf))
+    wrong = state.offered & ~((offer >= 0) & (offer <= MOST_MONEY))
     if wrong.any():
         b, w = np.argwhere(wrong)[0]
         request = state.request[b, w] - state.batch.request_start[state.instance[b]]
         raise PolicyError(
-            f"the policy offers {offer[b, w]} for request {request} of instance {state.instance[b]} "
-            f"at step {state.step}; a compensation is a finite number >= 0"
+            f"the policy {name} offers {offer[b, w]} for request {request} of instance {state.instance[b]} "
+            f"at step {state.step}; a compensation is a finite number >= 0, of moderate size"
         )
     return read_only(np.where(state.offered, offer, 0.0))
 

@@ -133,6 +133,7 @@ def test_policies_of_ones_own(certify, own, tmp_path):
         (OWN, "five", "defines no policy five"),
         ("1 / 0", "half", r"failed \(ZeroDivisionError: division by zero\)"),
         ("def (", "half", "SyntaxError"),
+        ("import sys; sys.exit(0)", "half", r"failed \(it called sys.exit\(0\)\) in own.py, line 1"),
     ],
 )
 def test_a_policy_that_cannot_be_had_is_said(certify, own, tmp_path, code, name, message):
@@ -158,13 +159,60 @@ def test_a_worker_rate_that_the_days_contradict_is_refused(certify, own):
     assert "workers do not come" in strict(out)["refused"][0]
 
 
-def test_offers_that_add_up_to_no_number_are_one_line(certify, own, tmp_path):
+def test_huge_offers_are_one_line(certify, own, tmp_path):
     (tmp_path / "own.py").write_text("def huge(state):\n    return 1e308 + 0.0 * state.reward\n")
     status, out, err = certify(own, "--policy", f"{tmp_path}/own.py:huge", "--kinds", "arrival")
     assert status == 2
-    assert "more than a number can hold" in err
+    assert "the policy huge offers 1e+308 for request" in err
     assert err.count("\n") == 1
     assert "nan" not in out
+
+
+FAILING = """
+from __future__ import annotations
+import sys
+from dataclasses import dataclass
+
+open(__file__ + ".log", "a").write("run\\n")
+
+def boom(state):
+    return 1 / 0
+
+def leave(state):
+    sys.exit(0)
+
+@dataclass
+class Share:
+    share: float = 0.5
+
+    def __call__(self, state):
+        return self.share * state.reward
+"""
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [("boom", "ZeroDivisionError: division by zero.*line 9"), ("leave", r"it called sys.exit\(0\).*line 12")],
+)
+def test_a_policy_that_fails_is_said(certify, own, tmp_path, name, line, jobs):
+    """In one line with its name, the step and the place, and status 2; the file was run once, with two policies."""
+    file = tmp_path / "own.py"
+    file.write_text(FAILING)
+    named = (f"--policy={file}:Share", f"--policy={file}:{name}", "--kinds", "full", "--jobs", jobs)
+    status, out, err = certify(own, *named)
+    assert (status, out, len(err.splitlines())) == (2, "", 1)
+    assert re.search(rf"the policy {name}, at step \d+, failed \({line}", err)
+    assert (tmp_path / "own.py.log").read_text() == "run\n"
+
+
+def test_the_traceback_on_request(certify, own, tmp_path):
+    """--traceback shows where the policy failed, and the line that says why comes last."""
+    (tmp_path / "own.py").write_text(FAILING)
+    status, _, err = certify(own, f"--policy={tmp_path}/own.py:boom", "--kinds", "full", "--traceback")
+    assert status == 2
+    assert "return 1 / 0" in err
+    assert err.splitlines()[-1].startswith("optkit: the policy boom, at step ")
 
 
 def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):

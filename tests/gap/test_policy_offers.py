@@ -72,9 +72,11 @@ def test_noise_is_not_looked_at():
     ("policy", "says"),
     [
         (lambda state: np.zeros(3), "shape"),
-        (lambda state: "dear", "the policy returned at step .* holds text"),
+        (lambda state: "dear", "the policy <lambda> returned at step .* holds text"),
         (lambda state: -1.0 - state.reward, "number >= 0"),
         (lambda state: np.nan * state.reward, "number >= 0"),
+        (lambda state: 1e308 + 0.0 * state.reward, "offers 1e[+]308 for request"),
+        (lambda state: 1 / 0, r"the policy <lambda>, at step \d+, failed .ZeroDivisionError"),
     ],
 )
 def test_bad_offers_are_refused(policy, says):
@@ -90,5 +92,5 @@ def test_a_policy_cannot_write_into_what_it_sees():
         state.request[:] = 0
         return state.reward
 
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(PolicyError, match="read-only"):
         enumerated(DAY, vandal)

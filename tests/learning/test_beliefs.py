@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from optkit import scenario, simulate
-from optkit.basics.errors import InputError, TrainingError
+from optkit.basics.errors import InputError, PolicyError, TrainingError
 from optkit.learning.beliefs import BelievedValue, believed_requests, believed_workers
+from optkit.learning.training import train
 from optkit.learning.worker_presence import presence_after
 from optkit.models.preferences.attributes import Attributes
 from optkit.models.preferences.preferences import Preferences
-from optkit.models.value.request_sets import removal_differences
+from optkit.models.value.request_sets import ZeroSetValue, removal_differences
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
 
@@ -222,3 +223,37 @@ def test_groups_that_the_preferences_do_not_know(days, preferences):
     few = Preferences(preferences.attributes, preferences.weights[:2], preferences.scale[:2])
     with pytest.raises(InputError, match="group 2 is unknown"):
         believed_requests(Batch.of(days), few)
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError("mine"), SystemExit(0), TypeError()], ids=repr)
+def test_a_value_function_of_ones_own_that_fails(days, fault):
+    """It is named in one line, with the step, when it is asked for prices, and when it is fitted."""
+
+    class Broken(ZeroSetValue):
+        def opportunity_cost(self, sets):
+            raise fault
+
+        def fit(self, experience):
+            raise fault
+
+    with pytest.raises(PolicyError, match=r"the opportunity_cost of Broken, at step \d+, failed .* in test_beliefs.py"):
+        simulate(days, PostDecisionPricing(value_function=BelievedValue(Broken())))
+    with pytest.raises(PolicyError, match=r"the fit of Broken failed .* in test_beliefs.py") as caught:
+        train(days, Broken(), choice="true")
+    assert caught.value.__cause__ is fault
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((1, 1)), "dear", None])
+def test_targets_of_a_value_function_that_answers_wrongly(days, wrong):
+    """Values of another shape do not become targets of another shape: InputError, with the function's name."""
+
+    class Mistaken(ZeroSetValue):
+        def value(self, sets):
+            return np.zeros((len(sets), 1)) if isinstance(wrong, np.ndarray) else wrong
+
+        def fit(self, experience):
+            step = next(t for t in range(experience.horizon) if experience.sets(t) is not None)
+            experience.target(self, step)
+
+    with pytest.raises(InputError, match="Mistaken returns"):
+        train(days, Mistaken(), choice="true")

@@ -268,10 +268,55 @@ def test_protocols_recognise_a_users_class():
     assert not isinstance(Believer(), ValueFunction)
 
 
-def test_a_value_function_gone_wrong():
-    """A value function that gives NaN is an error of the kit's own, not a silent price."""
-    with pytest.raises((InputError, PolicyError)):
-        PostDecisionPricing(value_function=Constant(float("nan")))(one_state())
+def answering(method, answer):
+    """A choice model and value function that is right but for one method, which returns or raises something."""
+
+    def asked(self, state):
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    return type("Mistaken", (TrueChoice, ZeroValue), {method: asked})()
+
+
+NO_BELIEFS = {
+    "None": None,
+    "a word": "dear",
+    "a flat list": [-1.0, 1.0, 2.0],
+    "too wide": np.ones((1, 3)),
+    "NaN": np.array([[np.nan, 1.0]]),
+    "NaN for the worker": np.array([np.nan]),
+    "infinity": np.array([[1.0, np.inf]]),
+    "too much": np.full((1, 2), 1e308),
+    "a complex number": 1j,
+    "an exception": ZeroDivisionError("mine"),
+    "an exit": SystemExit(0),
+}
+
+
+@pytest.mark.parametrize("method", ["utility", "mu", "outside_utility", "opportunity_cost"])
+@pytest.mark.parametrize("answer", NO_BELIEFS.values(), ids=NO_BELIEFS)
+def test_beliefs_gone_wrong(method, answer):
+    """A model that fails or answers with no such numbers is named, with the step, in one line: no silent price."""
+    model = answering(method, answer)
+    with pytest.raises(PolicyError, match=rf"the {method} of Mistaken, at step 1, ") as caught:
+        PostDecisionPricing(choice=model, value_function=model)(one_state())
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("mu", [0.0, -1.0])
+def test_a_noise_scale_that_is_none(mu):
+    """Is a PolicyError that says what it must be."""
+    with pytest.raises(PolicyError, match=rf"the mu of Mistaken, at step 1, is {mu}: it needs finite numbers above 0"):
+        PostDecisionPricing(choice=answering("mu", [mu]))(one_state())
+
+
+def test_a_request_that_nobody_can_serve():
+    """A utility of minus infinity says so, and what stands in the padding does not matter."""
+    prices = PostDecisionPricing(choice=answering("utility", np.array([[-np.inf, -12.0]])))(one_state())
+    assert (
+        prices[0, 1] == PostDecisionPricing(choice=answering("utility", np.array([[-1e9, -12.0]])))(one_state())[0, 1]
+    )
 
 
 @pytest.mark.parametrize("policy", [RewardPercentage(0.5), Formula(0.5), PostDecisionPricing()], ids=repr)

@@ -347,7 +347,7 @@ def bad_at(value):
     return price
 
 
-@pytest.mark.parametrize("value", [np.nan, -1.0, -1e-300, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [np.nan, -1.0, -1e-300, np.inf, -np.inf, 1e308])
 def test_an_infeasible_price_is_named(value):
     """NaN, infinity or a negative price is a PolicyError that names price, request, instance and step."""
     bystander = tiny(worker_step=[2])
@@ -386,7 +386,7 @@ def test_what_stands_in_the_padding_is_ignored(value):
 )
 def test_a_policy_that_returns_something_else(policy):
     """Anything but an array of numbers, one per decision and request, is a PolicyError of one line."""
-    with pytest.raises(PolicyError, match="the policy returned") as caught:
+    with pytest.raises(PolicyError, match=r"the policy <lambda> returned") as caught:
         simulate(tiny(), policy)
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, OptkitError)
@@ -411,25 +411,77 @@ def spoil(name):
 @pytest.mark.parametrize("name", ["reward", "penalty", "features", "pickup", "mu"])
 def test_a_policy_that_writes_into_characteristics_changes_nothing(name):
     """A policy that scribbles over rewards, penalties or features does not change what is earned."""
-    with suppress(ValueError):  # it may also be stopped
+    with suppress(PolicyError):  # it may also be stopped
         assert simulate(tiny(), spoil(name)).reward.tolist() == [-11.0]
 
 
 @pytest.mark.parametrize("name", ["utility", "offered", "request", "worker", "outside_utility"])
 def test_a_policy_cannot_bend_the_world(name):
     """A policy that writes into the state, say ``state.utility += 1``, is stopped: workers keep their preferences."""
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(PolicyError, match="read-only"):
         simulate(tiny(), spoil(name))
 
 
-def test_a_policys_own_error_comes_through():
-    """An exception of the policy reaches the caller as it is."""
+class SilentError(Exception):
+    """An exception that cannot even be shown."""
+
+    def __str__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (ZeroDivisionError("mine"), "ZeroDivisionError: mine"),
+        (ValueError("two\nlines"), "ValueError: two lines"),
+        (KeyError(), "KeyError"),
+        (StopIteration(3), "StopIteration: 3"),
+        (SystemExit(0), r"it called sys.exit\(0\)"),
+        (GeneratorExit(), "GeneratorExit"),
+        (OSError(2, "gone"), "FileNotFoundError: .Errno 2. gone"),
+        (RuntimeError("x" * 9999), "RuntimeError: x{300} [.]{3}"),
+        (SilentError(), "SilentError"),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_a_policy_that_fails(fault, said):
+    """It is named in one line, with the step, the reason and the place; its own exception is the cause."""
 
     def broken(state):
-        raise ZeroDivisionError("mine")
+        raise fault
 
-    with pytest.raises(ZeroDivisionError, match="mine"):
+    with pytest.raises(
+        PolicyError, match=f"the policy broken, at step 1, failed .{said}. in test_simulator.py, line"
+    ) as e:
         simulate(tiny(), broken)
+    assert e.value.__cause__ is fault
+    assert "\n" not in str(e.value)
+    assert len(str(e.value)) < 500
+
+
+@pytest.mark.parametrize("fault", [KeyboardInterrupt(), MemoryError(), InputError("a weight is wrong")], ids=repr)
+def test_what_is_not_the_policys_to_answer_for(fault):
+    """Ctrl-C, want of memory and errors of the kit come through as they are."""
+
+    def broken(state):
+        raise fault
+
+    with pytest.raises(type(fault)) as caught:
+        simulate(tiny(), broken)
+    assert caught.value is fault
+
+
+class NoArray:
+    """What says that it is an array, and is not."""
+
+    def __array__(self, *args, **more):
+        raise TypeError("no")
+
+
+def test_an_answer_that_fails_when_it_is_looked_at():
+    """So is what the policy returned."""
+    with pytest.raises(PolicyError, match="the policy <lambda>, at step 1, failed"):
+        simulate(tiny(), lambda state: NoArray())
 
 
 def test_observe():

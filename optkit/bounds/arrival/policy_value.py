@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, real
+from optkit.basics.arrays import MOST_MONEY, Bools, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.bounds.arrival.subsets import Charge, SubsetProgram
 from optkit.instances.instance import Floats, Ints
@@ -81,7 +81,7 @@ def _checked(offer: npt.ArrayLike, open_: Bools, step: int) -> Floats:
         raise PolicyError(
             f"the policy returned shape {paid.shape} at step {step} for {open_.shape} states and requests"
         )
-    wrong = open_ & ~((paid >= 0) & (paid < np.inf))
+    wrong = open_ & ~((paid >= 0) & (paid <= MOST_MONEY))
     if wrong.any():
         s, i = np.argwhere(wrong)[0]
         raise PolicyError(f"the policy offers {paid[s, i]} at step {step}; a compensation is a finite number >= 0")

@@ -13,7 +13,7 @@ from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats, Ints
 from optkit.models.decision import Decisions
 from optkit.models.pricing.closed_form import nonnegative
-from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, costs_without
+from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, costs_of, costs_without, values_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +109,8 @@ class Experience(ReadOnlyArrays):
         The worker and the group of the next step enter in expectation, the new requests as they came.
         """
         open_, presence, waiting = self._next(value, step)
-        future = sum(chance * value.value(sets) for chance, sets in waiting)
-        profit = self._profit(open_, value.opportunity_cost(waiting[0][1]))
+        future = sum(chance * values_of(value, sets) for chance, sets in waiting)
+        profit = self._profit(open_, costs_of(value, waiting[0][1]))
         return np.asarray(self.discount * future + _expiring(open_).sum(axis=1) + presence * profit)
 
     def target_differences(self, value: SetValue, step: int) -> Floats:
@@ -119,7 +119,7 @@ class Experience(ReadOnlyArrays):
         What the future loses with a member is its opportunity cost, so the value function is asked for nothing else.
         """
         open_, presence, waiting = self._next(value, step)
-        costs = [value.opportunity_cost(sets) for _, sets in waiting]
+        costs = [costs_of(value, sets) for _, sets in waiting]
         future = sum(chance[:, None] * cost for (chance, _), cost in zip(waiting, costs, strict=True))
         b, i = np.nonzero(self._found(step)[0].member)
         less = self._profit(open_.without(b, i), costs_without(value, waiting[0][1], b, i))

@@ -10,8 +10,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, ReadOnlyArrays, read_only
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import Bools, ReadOnlyArrays, read_only, real
+from optkit.basics.errors import InputError, TrainingError
 from optkit.instances.instance import Floats, Ints
 
 
@@ -166,6 +166,80 @@ class ZeroSetValue:
     def opportunity_cost(self, sets: RequestSets) -> Floats:
         """Zeros, (b, w)."""
         return np.zeros(sets.member.shape)
+
+
+def values_of(value: SetValue, sets: RequestSets) -> Floats:
+    """Values of b sets by a function that may be the user's own, (b,), money.
+
+    Parameters
+    ----------
+    value : SetValue
+        The function.
+    sets : RequestSets
+        The sets.
+
+    Returns
+    -------
+    (b,) float
+        Money, finite.
+
+    Raises
+    ------
+    InputError
+        If it does not return a number for each set.
+    TrainingError
+        If it returns NaN or infinity.
+
+    Examples
+    --------
+    >>> none = np.zeros(0, int)
+    >>> nothing = KnownRequests(none + 0.0, none + 0.0, none, none, np.zeros((1, 0)), np.zeros((0, 0)), none, none)
+    >>> values_of(ZeroSetValue(), RequestSets(nothing, 0, np.zeros((2, 0), int), np.zeros((2, 0), bool)))
+    array([0., 0.])
+    """
+    return _told(value, "values", value.value(sets), sets, (len(sets),))
+
+
+def costs_of(value: SetValue, sets: RequestSets) -> Floats:
+    """Opportunity costs of b sets by a function that may be the user's own, (b, w), money.
+
+    Parameters
+    ----------
+    value : SetValue
+        The function.
+    sets : RequestSets
+        The sets.
+
+    Returns
+    -------
+    (b, w) float
+        Money, finite.
+
+    Raises
+    ------
+    InputError
+        If it does not return a number for each entry.
+    TrainingError
+        If it returns NaN or infinity.
+
+    Examples
+    --------
+    >>> none = np.zeros(0, int)
+    >>> nothing = KnownRequests(none + 0.0, none + 0.0, none, none, np.zeros((1, 0)), np.zeros((0, 0)), none, none)
+    >>> costs_of(ZeroSetValue(), RequestSets(nothing, 0, np.zeros((2, 0), int), np.zeros((2, 0), bool))).shape
+    (2, 0)
+    """
+    return _told(value, "opportunity costs", value.opportunity_cost(sets), sets, sets.member.shape)
+
+
+def _told(value: SetValue, what: str, found: object, sets: RequestSets, shape: tuple[int, ...]) -> Floats:
+    name = type(value).__name__
+    numbers = real(f"what {name} returns as {what}", found, accept="any")
+    if numbers.shape != shape:
+        raise InputError(f"{name} returns {what} of shape {numbers.shape} for sets of shape {sets.member.shape}")
+    if not np.isfinite(numbers).all():
+        raise TrainingError(f"{name} returns {what} that are no numbers at step {sets.step}")
+    return numbers
 
 
 def removal_differences(value: Callable[[RequestSets], Floats], sets: RequestSets) -> Floats:

@@ -1,0 +1,36 @@
+"""Code of the user's own: each way to fail is one line."""
+
+import json
+
+import pytest
+
+from optkit.basics.errors import InputError, PolicyError
+from optkit.basics.users_code import name_of, users_code
+
+
+def test_names():
+    """Functions have their own; what else can be called has that of its class."""
+
+    class Priced:
+        def __call__(self):
+            """Be callable."""
+
+    assert [name_of(one) for one in (test_names, Priced, Priced(), max)] == ["test_names", "Priced", "Priced", "max"]
+
+
+def test_where_it_failed():
+    """The place is the user's, though a library raises; the class of the error is the caller's choice."""
+    said = r"^mine failed \(JSONDecodeError: .*\) in test_users_code.py, line \d+$"
+    with pytest.raises(InputError, match=said) as caught, users_code("mine", InputError):
+        json.loads("{")
+    assert type(caught.value.__cause__).__name__ == "JSONDecodeError"
+
+
+def test_what_succeeds_is_left_alone():
+    """Nothing is raised, and an error of the kit is the same one."""
+    with users_code("mine"):
+        pass
+    mine = PolicyError("x")
+    with pytest.raises(PolicyError) as caught, users_code("mine"):
+        raise mine
+    assert caught.value is mine
