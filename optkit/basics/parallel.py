@@ -13,9 +13,13 @@ Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 
+MOST_JOBS = 1_000
+"""Processes that one machine is asked for at most: each takes a tenth of a gigabyte."""
+
+
 def check_jobs(jobs: int, name: str = "n_jobs") -> int:
-    """Return a number of processes, with 0 for one per core; InputError if it is negative or no whole number."""
-    return whole_number(name, jobs, least=0) or os.cpu_count() or 1
+    """Return a number of processes, with 0 for one per core; InputError if it is none or beyond any machine."""
+    return whole_number(name, jobs, least=0, most=MOST_JOBS) or os.cpu_count() or 1
 
 
 def in_parallel(

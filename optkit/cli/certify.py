@@ -75,9 +75,14 @@ def certify(
     is checked. The penalised bound needs to know the process: a scenario does, and so does a folder that optkit
     generate wrote; of your own, give --worker-rate. What was assumed is said.
     """
+    from optkit.basics.parallel import check_jobs
+    from optkit.bounds.arrival.exact import check_limit
     from optkit.gap.report import chosen_kinds, gap_report
     from optkit.plotting.files import figure_bytes
 
+    jobs = check_jobs(jobs, "--jobs")
+    if limit is not None:
+        check_limit(limit)
     reads = [] if checkpoint is None else [checkpoint]
     if out is not None:
         ROWS.check(out, reads=reads)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit.basics.arrays import whole_number
 from optkit.basics.paths import resolved
 from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
@@ -14,6 +15,9 @@ from optkit.cli.output import print_comparison
 
 if TYPE_CHECKING:
     from optkit.evaluation.main_job import RunResult
+
+MOST_VERIFIED = 100_000
+"""Decisions that are solved again: hours of work."""
 
 
 def run(
@@ -39,6 +43,7 @@ def run(
     from optkit.evaluation.results_folder import check_target, write_results
     from optkit.instances.splits import read_split
 
+    verify = whole_number("--verify", verify, least=0, most=MOST_VERIFIED)
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
         split, origin = read_split(opened)

@@ -65,7 +65,7 @@ def study(
         raise InputError(f"--{next(iter(selection))} goes with --trips and the study nyc")
     chosen = [one for one in STUDIES if name == one or (name == "all" and (one != "nyc" or trips))]
     studies = [_study(one, worlds, seeds, trips, selection, settings, gap) for one in chosen]
-    jobs = check_jobs(jobs)
+    jobs = check_jobs(jobs, "--jobs")
     if dry_run:
         plans = [_plan(one, out, jobs) for one in studies]
         if as_json:
@@ -115,12 +115,16 @@ def _study(
 
 
 def _worlds(text: str) -> tuple[int, ...]:
+    from optkit.studies.grids import MOST
+
     try:
         numbers = tuple(int(part) for part in text.split(","))
     except ValueError:
         numbers = ()
     if not numbers or min(numbers) < 0 or len(set(numbers)) < len(numbers) or (numbers == (0,) and "," not in text):
         raise InputError(f"--worlds {text} is neither a number of worlds (1 or more) nor seeds by commas, like 0,1,2")
+    if "," not in text and numbers[0] > MOST:
+        raise InputError(f"--worlds {text} are too many: take {MOST:,} at most")
     return tuple(range(numbers[0])) if "," not in text else tuple(part for part in numbers)
 
 

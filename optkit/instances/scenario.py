@@ -8,10 +8,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from optkit.basics.errors import InputError
-from optkit.basics.seeds import Stream, check_count, seed_sequence, stream
+from optkit.basics.seeds import Stream, seed_sequence, stream
 from optkit.instances.instance import Instance
 from optkit.instances.settings import ScenarioSettings
-from optkit.instances.world import World, furnish, poisson_requests
+from optkit.instances.world import World, check_sample, furnish, poisson_requests
 
 Part = Literal["train", "test", "validation"]
 
@@ -84,9 +84,9 @@ class Scenario:
         Raises
         ------
         InputError
-            If ``count`` or ``seed`` is negative.
+            If ``count`` or ``seed`` is negative, or so many would not fit in memory.
         """
-        check_count(count)
+        check_sample(self.settings, count)
         return [self.instance(child) for child in seed_sequence(seed).spawn(count)]
 
     def split(self) -> Split:

@@ -31,6 +31,9 @@ def adjust(base: ScenarioSettings, changes: dict[str, Any]) -> ScenarioSettings:
 LARGEST = 100_000_000
 """Upper limit of every setting: beyond it nothing fits in memory."""
 
+MOST_KINDS = 1_000_000
+"""Upper limit of what there may be many kinds of."""
+
 
 _WHOLE = {"groups": 1, "horizon": 1, "types": 1, "pickups": 1, "dropoffs": 1, "characteristics": 0}
 
@@ -48,7 +51,8 @@ def _setting(name: str, value: Any) -> Any:
             raise InputError(f"setting split = {value!r} must be three whole numbers: training, test, validation")
         return tuple(whole_number("setting split", size, least=0, most=LARGEST) for size in value)
     if name in _WHOLE:
-        return whole_number(f"setting {name}", value, least=_WHOLE[name], most=LARGEST)
+        most = LARGEST if name == "horizon" else MOST_KINDS
+        return whole_number(f"setting {name}", value, least=_WHOLE[name], most=most)
     least, above = 0.0 if name in _NOT_NEGATIVE else -LARGEST, 0.0 if name in _POSITIVE else -np.inf
     return number(f"setting {name}", value, least=least, above=above, most=LARGEST)
 

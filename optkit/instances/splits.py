@@ -8,12 +8,13 @@ from typing import Any
 from optkit.basics.arrays import whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.paths import resolved
-from optkit.basics.seeds import Stream, check_count, stream
+from optkit.basics.seeds import Stream, stream
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario, Split, cut
 from optkit.instances.settings import ScenarioSettings
 from optkit.instances.storage import load_instances, read_description
+from optkit.instances.world import check_sample
 
 PARTS = Split._fields
 
@@ -92,10 +93,11 @@ def held_out(source: Scenario, count: int | None = None) -> list[Instance]:
     InputError
         If the count is no whole number or negative, or larger than the split of a scenario with trips has.
     """
+    if count is not None:
+        check_sample(source.settings, count)
     tests = source.split().test
     if count is None:
         return tests
-    check_count(count)
     if count > len(tests) and isinstance(source, TripScenario):
         raise InputError(f"{count} instances: these trips make {len(tests)} test instances of distinct half-hours")
     return [*tests, *source.further("test", max(0, count - len(tests)))][:count]
@@ -132,6 +134,7 @@ def training_split(source: Scenario | Split, instances: int | None = None) -> Sp
     if not isinstance(source, Scenario):
         raise InputError(f"instances = {instances} can be drawn from a scenario only: pass one, or leave instances out")
     instances = whole_number("instances", instances, least=1)
+    check_sample(source.settings, instances)
     split = source.split()
     # As many to choose by, in proportion: rounds differ by less than the few of the split can tell.
     by = max(len(split.validation), round(instances * len(split.validation) / max(1, len(split.train))))

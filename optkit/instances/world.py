@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.instances.instance import Floats, Instance, Ints, fifo_queue
+from optkit.basics.memory import check_memory
+from optkit.basics.seeds import check_count
+from optkit.instances.instance import DENSE_NOISE_LIMIT, Floats, Instance, Ints, fifo_queue
 from optkit.instances.settings import ScenarioSettings
 
 
@@ -42,8 +44,19 @@ class World:
 
     @classmethod
     def draw(cls, settings: ScenarioSettings, rng: np.random.Generator) -> World:
-        """Draw a world from its seed's generator."""
+        """Draw a world from its seed's generator.
+
+        Raises
+        ------
+        InputError
+            If it would not fit in memory.
+        """
         s, m = settings, settings.characteristics
+        places = s.pickups + s.dropoffs
+        numbers = m * (s.types + s.groups) + places * (2 + s.groups)
+        check_memory(
+            "a scenario of these settings", 8.0 * numbers, "take fewer groups, types, places or characteristics"
+        )
         world = cls(
             kinds=rng.uniform(0, 1, (s.types, m)),
             pickup_point=rng.uniform(0, 1, (s.pickups, 2)),
@@ -118,3 +131,32 @@ def furnish(settings: ScenarioSettings, world: World, requests: DrawnRequests, r
         utility=utility,
         mu=np.full(settings.groups, settings.mu),
     ).with_noise(rng)
+
+
+OVERHEAD = 3_000
+"""Bytes of an instance in which nothing happens."""
+
+COPIES = 3.0
+"""Times that what is drawn is there at once, while it is drawn, simulated or saved."""
+
+
+def check_sample(settings: ScenarioSettings, count: int) -> None:
+    """Refuse, before the first is drawn, instances that would not fit in memory.
+
+    Raises
+    ------
+    InputError
+        If ``count`` is no whole number of at least 0, or so many would not fit.
+    """
+    check_count(count)
+    s, T = settings, float(settings.horizon)
+    joined, n = s.worker_rate * T, s.request_rate * T
+    workers = min(joined, T)
+    pairs = workers * n
+    if pairs > DENSE_NOISE_LIMIT:  # only pairs that can meet
+        pairs *= min(1.0, (s.mean_lifetime + 1.0) / T)
+    numbers = n * (10.0 + s.characteristics + 2.0 * s.groups) + 4.0 * workers + 2.0 * pairs
+    one, draft = 8.0 * numbers + OVERHEAD, 8.0 * (T + joined)
+    what = f"{count:,} instance{'s' if count != 1 else ''} of these settings"
+    needed = COPIES * (count * one + draft) if count else 0.0
+    check_memory(what, needed, "take fewer instances or groups, a shorter horizon or lower rates")

@@ -43,6 +43,9 @@ from optkit.simulation.state import State
 Choice = Literal["learned", "pooled", "true"] | Preferences
 """Preferences to learn (one model a group, or one for all), the true ones, or given ones."""
 
+MOST_SEEDS = 10_000
+"""Trainings to choose from at most."""
+
 MOODS = 4
 """Times that each validation instance is run, the workers' noise drawn anew: a cheap way to a quieter choice."""
 
@@ -61,7 +64,7 @@ class TrainingSettings:
     discount : float
         Of the future, in [0, 1]; the problem itself is undiscounted, the paper trains with 0.95.
     seeds : int
-        Number of trainings to choose from, at least 1.
+        Number of trainings to choose from, from 1 to :data:`MOST_SEEDS`.
     seed : int
         Source of the randomness.
     """
@@ -78,7 +81,7 @@ class TrainingSettings:
         checked = {
             "deviations": deviations,
             "discount": number("discount", self.discount, least=0.0, most=1.0),
-            "seeds": whole_number("seeds", self.seeds, least=1),
+            "seeds": whole_number("seeds", self.seeds, least=1, most=MOST_SEEDS),
             "seed": whole_number("seed", self.seed, least=0),
         }
         for name, plain in checked.items():

@@ -19,6 +19,12 @@ from optkit.studies.policies import POLICIES
 STUDIES = ("homogeneous", "heterogeneous", "sensitivity", "nyc")
 """Sections 5.1, 5.2, both with fig:sens_syn and fig:sens_syn_2, and 5.3 of the paper."""
 
+MOST = 10_000
+"""Worlds, and training seeds, of a study."""
+
+MOST_CELLS = 200_000
+"""Of a study: months of work on any machine."""
+
 EPSILONS = (2.0, 4.0, 6.0)
 DRAWS = 10
 
@@ -82,7 +88,14 @@ class Study:
             raise InputError("worlds is empty; give the number of at least one")
         worlds = tuple(whole_number(f"worlds[{k}]", world, least=0) for k, world in enumerate(self.worlds))
         object.__setattr__(self, "worlds", worlds)
-        object.__setattr__(self, "seeds", whole_number("seeds", self.seeds, least=1))
+        object.__setattr__(self, "seeds", whole_number("seeds", self.seeds, least=1, most=MOST))
+        if len(self.worlds) > MOST:
+            raise InputError(f"{len(self.worlds):,} worlds are too many: take {MOST:,} at most")
+        cells = len(self.worlds) * sum(1 for name in self.scenarios for _ in self._of({"scenario": name}))
+        if cells > MOST_CELLS:
+            raise InputError(
+                f"the study would have {cells:,} cells: take fewer worlds or seeds ({MOST_CELLS:,} at most)"
+            )
         if self.name == "nyc" and not self.trips:
             raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
         if self.name != "nyc" and (self.mode, self.fraction) != ("folded", None):

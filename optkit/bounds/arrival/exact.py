@@ -18,6 +18,9 @@ from optkit.instances.instance import Floats, Instance
 
 KIND = "arrival information"
 
+MOST_TOLD_APART = 62
+"""Requests of one step that are told apart at most: subsets of more have no number of 64 bits."""
+
 EXACT_LIMIT = 18
 """Uncertain requests at a worker up to which all are tracked: 2^18 states take about 50 ms and 4 MB."""
 
@@ -217,5 +220,5 @@ def checked_multipliers(multipliers: Any, n: int) -> Floats:
 
 
 def check_limit(limit: int) -> None:
-    """Raise an InputError unless the limit is a whole number of at least 0."""
-    whole_number("limit", limit, least=0)
+    """Raise an InputError unless the limit is a whole number of at least 0 that tables of subsets can have."""
+    whole_number("limit", limit, least=0, most=MOST_TOLD_APART)

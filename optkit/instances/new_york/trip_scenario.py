@@ -19,7 +19,7 @@ from optkit.instances.new_york.trip_files import Paths
 from optkit.instances.new_york.trips import REGIONS, Trips, read_trips
 from optkit.instances.scenario import Part, Scenario, Split, cut, world_generator
 from optkit.instances.settings import TABLE_1, adjust
-from optkit.instances.world import DrawnRequests, World, furnish
+from optkit.instances.world import DrawnRequests, World, check_sample, furnish
 
 PAPER_FRACTION = 0.3
 """The share of trips that the paper keeps (section 4.2)."""
@@ -99,6 +99,7 @@ class TripScenario(Scenario):
         InputError
             If ``count`` or ``seed`` is negative.
         """
+        check_sample(self.settings, count)
         order = self.order(count, seed)
         return [self.instance(child, e) for child, e in zip(seed_sequence(seed).spawn(count), order, strict=True)]
 
@@ -124,7 +125,7 @@ class TripScenario(Scenario):
         InputError
             If there is no such part or it is empty, or ``count`` is negative.
         """
-        check_count(count)
+        check_sample(self.settings, count)
         seeds = self._further_seed(part).spawn(count)
         own = self.episodes_of(part)
         if count and not own:
