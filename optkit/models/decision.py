@@ -155,7 +155,7 @@ class Given(NamedTuple):
             together = m + relative
             logit, log_odds = relative / scale, together / scale
         room = BEYOND * min(1.0, scale.min(initial=1.0))
-        if not (_largest(relative) <= room and _largest(together) <= room):
+        if not (largest(relative) <= room and largest(together) <= room):
             never = np.isneginf(u)
             if never.any():
                 shown = ~never if shown is None else shown & ~never
@@ -204,7 +204,7 @@ class Given(NamedTuple):
         return self._within(name, self.shape, money, self.utility, self.outside_utility, self.mu, self.offered)
 
 
-def _largest(x: Floats) -> float:
+def largest(x: Floats) -> float:
     """Largest magnitude, NaN if there is one, 0 of nothing."""
     return max(float(x.max(initial=0.0)), -float(x.min(initial=0.0)))
 

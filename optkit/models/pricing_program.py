@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +10,10 @@ import numpy.typing as npt
 
 from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import softmax_with_outside
-from optkit.models.decision import Decisions, Floats
-from optkit.models.pricing import closed_form
+from optkit.models.convex_solver import run
+from optkit.models.decision import Floats, Given
+from optkit.models.pricing import enclosure
+from optkit.models.pricing.compensated import compensated_sum
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -22,7 +22,10 @@ NEGLIGIBLE = 30.0
 """Log-odds below the largest at which a request is left out: its probability is below 1e-13 of another's."""
 
 ACCURACY = 1e-6
-"""Largest accepted gap between the program's primal and dual values, relative to mu + |profit|."""
+"""Largest accepted gap between the program's primal and dual values, rounding included, relative to mu + |profit|."""
+
+LARGEST = 5_000
+"""Most requests of a program: CVXPY keeps about 32 n^2 bytes for its parameters, 0.8 GB at this size."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,9 @@ class ProgramSolution:
     rejection, markup, profit : float
         Probability of no acceptance, ``m = mu + profit`` and expected profit, in money.
     bound : float
-        The solver's dual value, made feasible: no prices earn more, in money.
+        The solver's dual value, raised until it is proven, rounding included: no prices earn more, in money.
     multiplier : (n,) float
-        The solver's multipliers of ``P_i >= P_0 w_i``, in money; 0 without the sign constraint.
+        The solver's multipliers of ``P_i >= P_0 w_i``, in money; 0 without the sign constraint and where not offered.
     status, solver : str
         The solver's own word, and its name.
     seconds : float
@@ -125,6 +128,11 @@ class PricingProgram:
     def __init__(self, n: int, nonnegative: bool = True) -> None:
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
             raise InputError(f"n = {n!r} requests; a program needs a whole number of at least 1")
+        if n > LARGEST:
+            raise InputError(
+                f"a program over {n:,} requests takes about {32e-9 * n * n:,.1f} GB; at most {LARGEST:,} are taken: "
+                "optimal_prices prices any number"
+            )
         self.n, self.nonnegative = int(n), bool(nonnegative)
         self._programs: dict[int, _Program] = {}
         self._last = self.n
@@ -146,6 +154,7 @@ class PricingProgram:
         mu: float = 1.0,
         outside_utility: float = 0.0,
         *,
+        offered: npt.ArrayLike | None = None,
         solver: str = "CLARABEL",
         **options: Any,
     ) -> ProgramSolution:
@@ -154,9 +163,12 @@ class PricingProgram:
         Parameters
         ----------
         value, utility : (n,) float
-            Worth of serving each request and its utility to the worker, in money.
+            Worth of serving each request and its utility to the worker, in money; utility ``-inf`` where the worker
+            cannot serve it.
         mu, outside_utility : float
             Noise scale (positive) and utility of rejecting, in money.
+        offered : (n,) bool, optional
+            Which requests are on offer; all by default.
         solver : str
             Any installed CVXPY solver with exponential cones.
         **options
@@ -170,42 +182,47 @@ class PricingProgram:
             If the solver does not end with status "optimal", or its primal and dual values differ by more than
             :data:`ACCURACY`: what is not accurate never becomes a price.
         """
-        d = Decisions.of(value, utility, mu, outside_utility, None)
-        if d.advantage.shape != (1, self.n) or d.shape not in ((), (1,)):
+        given = Given.of("value", value, utility, mu, outside_utility, offered)
+        if given.money.shape != (1, self.n) or given.shape not in ((), (1,)):
             raise InputError(
-                f"this program is for one decision over {self.n} requests; got {(*d.shape, d.value.shape[1])}"
+                f"this program is for one decision over {self.n} requests; got {(*given.shape, given.money.shape[1])}"
             )
-        keep = np.flatnonzero(self._matter(d))
+        keep = np.flatnonzero(self._matter(given))
         if keep.size == 0:
-            return self._checked(d, np.full(self.n, -np.inf), 0.0, np.zeros(self.n), "optimal", "none needed", 0.0)
-        a, logit = d.advantage[0, keep], d.logit[0, keep]
+            return self._checked(given, np.full(self.n, np.nan), 0.0, np.zeros(self.n), "optimal", "none needed", 0.0)
         self._last = keep.size
         program = self._program(keep.size)
-        log_scale = -np.log1p(max(a.max(), 0.0))
+        noise = given.mu[0, 0]
+        log_scale = -np.log1p(max(given.log_odds[0, keep].max(), 0.0))
+        if self.nonnegative:
+            log_scale = min(log_scale, -np.logaddexp.reduce(np.append(given.logit[0, keep], 0.0)))
+        # Utilities far from the outside option's are small against P_0 / scale, and as exact as they were given.
+        raised = np.array([noise * log_scale])
+        relative = given.utility[0, keep], -given.outside_utility[0], raised
+        liked = compensated_sum(*relative)[0]
         if program.floor is not None:
-            log_scale = min(log_scale, -np.logaddexp.reduce(np.append(logit, 0.0)))
-            program.floor.value = np.exp(logit + log_scale)
-        lifted = a + log_scale
+            program.floor.value = np.exp(np.minimum(liked / noise, 0.0))
+        lifted = compensated_sum(*relative, given.money[0, keep])[0] / noise
         shift = lifted.max()
-        scale = np.exp(log_scale)
+        scale = np.exp(raised[0] / noise)
         unit = max(1.0, (shift - lifted).max() / NEGLIGIBLE, abs(shift * scale))
         program.linear.value, program.outside.value = (lifted - shift) / unit, shift * scale / unit
         program.entropy.value, program.scale.value = 1.0 / unit, scale
         failure = SolverError(f"no accuracy left to try with {solver}")
         for attempt in _attempts(solver, options):
             try:
-                status, seconds = _run(program.problem, solver, attempt)
-                return self._read(d, program, keep, log_scale, shift, unit, status, solver, seconds)
+                status, seconds = _solved(program.problem, solver, attempt)
+                return self._read(given, program, keep, liked, shift, unit, status, solver, seconds)
             except SolverError as error:
                 failure = error
         raise failure
 
     def _read(
         self,
-        d: Decisions,
+        given: Given,
         program: _Program,
         keep: npt.NDArray[np.intp],
-        log_scale: float,
+        liked: Floats,
         shift: float,
         unit: float,
         status: str,
@@ -216,87 +233,70 @@ class PricingProgram:
         probability = np.zeros(self.n)
         probability[keep] = np.maximum(program.P.value, 0.0)
         simplex, *floor = program.problem.constraints
-        seen = probability >= 1e-6
-        log_odds = np.full(self.n, -np.inf)
-        log_odds[seen] = np.log(probability[seen]) - np.log(max(program.Q.value, 1e-300)) - log_scale
+        mu = float(given.mu[0, 0])
+        with np.errstate(divide="ignore"):
+            log_odds = np.log(probability[keep]) - np.log(max(program.Q.value, 1e-300))
+        paid = np.full(self.n, np.nan)
+        paid[keep] = np.where(probability[keep] >= 1e-6, mu * log_odds - liked, np.nan)
         ratio = float(shift + unit * simplex.dual_value)
-        mu = float(d.mu[0, 0])
         multiplier = np.zeros(self.n)
         if floor:
             # Requests that were left out get what stationarity asks of them.
-            multiplier = np.maximum(mu * (1.0 + ratio) - d.value[0], 0.0)
+            multiplier = np.maximum(mu * (1.0 + ratio) - given.money[0], 0.0)
             multiplier[keep] = mu * unit * floor[0].dual_value
-        return self._checked(d, log_odds, ratio, multiplier, status, solver, seconds)
+        return self._checked(given, paid, ratio, multiplier, status, solver, seconds)
 
-    def _matter(self, d: Decisions) -> npt.NDArray[np.bool_]:
+    def _matter(self, given: Given) -> npt.NDArray[np.bool_]:
         """Requests whose probability can exceed about 1e-13, free or held at compensation 0."""
-        a, logit = d.advantage[0], d.logit[0]
-        if not self.nonnegative:
-            return np.asarray(a >= max(a.max(), 0.0) - NEGLIGIBLE)
+        a, served = given.log_odds[0], np.isfinite(given.log_odds[0])
+        if not self.nonnegative or not served.any():
+            return np.asarray(served & (a >= max(a.max(), 0.0) - NEGLIGIBLE))
         # P_i / P_0 = exp(a_i/mu - 1 - R/mu) for a free request, and the profit R is at least that of paying nothing,
         # which is negative where workers love what ruins the platform.
-        for_nothing, _ = softmax_with_outside(d.logit)
-        least = min(0.0, float((for_nothing * d.value).sum() / d.mu[0, 0]))
+        logit = np.where(served, given.logit[0], -np.inf)
+        for_nothing, _ = softmax_with_outside(logit[None])
+        least = min(0.0, float((for_nothing * given.money).sum() / given.mu[0, 0]))
         loved = logit >= max(logit.max(), 0.0) - NEGLIGIBLE
-        return np.asarray((a >= max(a.max(), least) - NEGLIGIBLE) | loved)
+        return np.asarray(served & ((a >= max(a.max(), least) - NEGLIGIBLE) | loved))
 
     def _checked(
         self,
-        d: Decisions,
-        log_odds: Floats,
+        given: Given,
+        paid: Floats,
         ratio: float,
         multiplier: Floats,
         status: str,
         solver: str,
         seconds: float,
     ) -> ProgramSolution:
-        """Turn log-odds ln(P_i / P_0) into prices, and hold their profit against the dual value."""
-        mu = float(d.mu[0, 0])
-        by_markup = d.value[0] - mu * (1.0 + ratio)
-        known = np.isfinite(log_odds)
-        compensation = np.where(known, mu * (np.where(known, log_odds, 0.0) - d.logit[0]), by_markup)
-        if self.nonnegative:
-            compensation = np.maximum(compensation, 0.0)
-        logit = d.logit + compensation / mu
-        top = max(logit.max(), 0.0)
-        weight, outside = np.exp(logit[0] - top), np.exp(-top)
-        acceptance, rejection = weight / (weight.sum() + outside), float(outside / (weight.sum() + outside))
-        profit = float(acceptance @ (d.value[0] - compensation))
-        size = 1.0 + abs(ratio)
-        for step in np.concatenate([[0.0], 1e-12 * 1.5 ** np.arange(36) * size]):
-            bound = np.array([[ratio + step]])
-            if (closed_form.dual_slack(d, bound, self.nonnegative) >= 0).all():
-                break
-        else:
-            raise SolverError(
-                f"{solver} ended {status} but its dual value {mu * ratio:.6g} proves no bound; try another solver"
-            )
-        gap = mu * bound.item() - profit
-        if gap > ACCURACY * (mu + abs(profit)):
+        """Price by the markup what has no price (NaN), and hold the prices' profit against the dual value."""
+        mu, served = given.mu[0, 0], np.isfinite(given.log_odds[0])
+        compensation = np.where(np.isnan(paid), given.money[0] - mu * (1.0 + ratio), paid)
+        compensation = np.where(served, np.maximum(compensation, 0.0) if self.nonnegative else compensation, 0.0)
+        multiplier = np.where(served, multiplier, 0.0)
+        if not np.isfinite(ratio + compensation.sum() + multiplier.sum()):
+            raise SolverError(f"{solver} ended {status} with numbers that are not finite; use optimal_prices")
+        earned, taken = enclosure.earned(given, compensation[None])
+        profit, error = (float(x.item()) for x in earned)
+        bound = float(enclosure.optimum(given, np.array([[mu * ratio]]), self.nonnegative).value.item())
+        gap = bound - profit + error
+        if not gap <= ACCURACY * (mu + abs(profit)):
             raise SolverError(
                 f"{solver} ended {status} with a gap of {gap:.2g} between profit {profit:.6g} and its bound: not "
                 f"accurate enough to price with; use optimal_prices, or tighter solver options"
             )
         return ProgramSolution(
-            compensation,
-            acceptance,
-            rejection,
-            mu + profit,
-            profit,
-            mu * bound.item(),
-            multiplier,
-            status,
-            solver,
-            seconds,
+            compensation=compensation,
+            acceptance=taken[0, :-1],
+            rejection=float(taken[0, -1]),
+            markup=float(mu + profit),
+            profit=profit,
+            bound=bound,
+            multiplier=multiplier,
+            status=status,
+            solver=solver,
+            seconds=seconds,
         )
-
-
-@cache
-def _installed_solvers() -> tuple[str, ...]:
-    import cvxpy
-
-    cp: Any = cvxpy
-    return tuple(cp.installed_solvers())
 
 
 def _attempts(solver: str, options: dict[str, Any]) -> list[dict[str, Any]]:
@@ -309,23 +309,10 @@ def _attempts(solver: str, options: dict[str, Any]) -> list[dict[str, Any]]:
     return [attempt | options for attempt in (*tries, tries[-1] | cautious)]
 
 
-def _run(problem: Any, solver: str, options: dict[str, Any]) -> tuple[str, float]:
-    import cvxpy
-
-    cp: Any = cvxpy
-    if solver not in _installed_solvers():
-        raise InputError(f"solver {solver!r} is not installed; there are {', '.join(_installed_solvers())}")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an inaccurate end is raised below, not whispered
-            # A warm start would keep a Clarabel solver's old settings from one solve to the next.
-            problem.solve(solver=solver, warm_start=False, **options)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{solver} does not take {', '.join(options) or 'this'}: {str(error).splitlines()[0]}"
-        ) from error
-    except cp.error.SolverError as error:
-        raise SolverError(f"{solver} failed on the pricing program: {str(error).splitlines()[0]}") from error
-    if problem.status != cp.OPTIMAL:
+def _solved(problem: Any, solver: str, options: dict[str, Any]) -> tuple[str, float]:
+    """Solve to the status "optimal", or not at all; return it and the solver's seconds."""
+    # A warm start would keep a Clarabel solver's old settings from one solve to the next.
+    run(problem, solver, options | {"warm_start": False}, "the pricing program")
+    if problem.status != "optimal":
         raise SolverError(f"{solver} ended with status {problem.status} on the pricing program; no price is returned")
     return problem.status, float(problem.solver_stats.solve_time or 0.0)

@@ -121,6 +121,13 @@ def test_probabilities_add_up_to_one_at_any_scale_without_a_warning(seed, n, log
     assert acceptance.sum() + rejection == pytest.approx(1, abs=1e-12)  # a sum of 1000 terms rounds by 1e-13
 
 
+def test_a_request_that_cannot_be_served_is_a_deleted_one():
+    acceptance, rejection = acceptance_probabilities([1.0, 1e300, 2.0], [-1.0, -np.inf, -2.0])
+    kept, idle = acceptance_probabilities([1.0, 2.0], [-1.0, -2.0])
+    assert acceptance == pytest.approx([kept[0], 0.0, kept[1]], rel=1e-15)
+    assert rejection == pytest.approx(idle, rel=1e-15)
+
+
 def test_with_nothing_to_take_the_worker_takes_nothing():
     for acceptance, rejection in (
         acceptance_probabilities([], []),

@@ -181,6 +181,38 @@ def test_bad_input_is_named_in_one_line(change, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("nonnegative", [True, False])
+def test_what_is_not_offered_or_cannot_be_served_is_not_there(nonnegative):
+    v, u = [5.0, 6.0, 7.0, 1e9], [-1.0, -2.0, 5.0, -np.inf]
+    s = program(4, nonnegative).solve(v, u, offered=[True, True, False, True])
+    kept = optimal_prices(v[:2], u[:2], nonnegative=nonnegative)
+    assert (s.acceptance[2:] == 0).all()
+    assert (s.compensation[2:] == 0).all()
+    assert (s.multiplier[2:] == 0).all()
+    assert s.profit == pytest.approx(kept.profit, abs=1e-8)  # the solver's gap
+    nothing = program(4, nonnegative).solve(v, u, offered=[False] * 4)
+    assert (nothing.profit, nothing.rejection) == (0, 1)
+    with pytest.raises(InputError, match="a mask is made of True and False"):
+        program(4, nonnegative).solve(v, u, offered=[1, 1, 0, 1])
+
+
+def test_the_bound_holds_where_utilities_are_far_from_the_outside_option():
+    """u - u_0 is 2e13 mu: its float is known to 4e-3 mu, and the bound must not be wrong by that."""
+    v, u = np.array([1.7879968359184579e-06, -9.281318444792057e-07]), [-4.341674989241303e-07, 2.3127026078377303e-07]
+    s = program(2, True).solve(v, u, 1e-6, -19112794.887060955)
+    # Nobody rejects: only the difference of the two prices matters, and the lower is 0.
+    c = np.maximum(v - s.markup + 1e-9 * np.arange(-4000, 4001)[:, None], 0.0)
+    weight = np.exp((u + c - (u + c).max(axis=1, keepdims=True)) / 1e-6)
+    profit = (weight * (v - c)).sum(axis=1) / weight.sum(axis=1)
+    assert 0 <= s.bound - profit.max() <= 1e-12
+
+
+def test_a_program_too_large_for_memory_is_refused_before_it_is_built():
+    with pytest.raises(InputError, match=r"10,000,000 requests takes about 3,200,000.0 GB; at most") as caught:
+        PricingProgram(10_000_000)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("n", [0, -1, 2.5])
 def test_a_program_needs_a_number_of_requests(n):
     with pytest.raises(InputError, match="whole number of at least 1"):

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-import warnings
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from optkit.basics.errors import InputError, SolverError
+from optkit.basics.errors import SolverError
 from optkit.bounds.arrival.market import MultiplierCertificate, OpenPairs
 from optkit.bounds.bound import Bound, SolverRecord
 from optkit.instances.instance import Instance
+from optkit.models.convex_solver import run
 
 
 def arrival_program(instance: Instance, *, solver: str = "CLARABEL", **options: Any) -> Bound:
@@ -69,7 +69,9 @@ def arrival_program(instance: Instance, *, solver: str = "CLARABEL", **options: 
     details: dict[str, Any] = {}
     if market.size:
         problem, once, met, unit = _problem(market)
-        status, details = _run(problem, solver, options)
+        run(problem, solver, options, "the arrival-information program")
+        status, stats = problem.status, problem.solver_stats
+        details = {"solver": solver, "iterations": stats.num_iters, "solve_seconds": stats.solve_time}
         if once.dual_value is None:
             raise SolverError(
                 f"{solver} ended with status {problem.status} on {market.size} pairs and no multipliers, which bounds "
@@ -98,25 +100,3 @@ def _problem(market: OpenPairs) -> tuple[Any, Any, Any, float]:
     earned = (market.advantage / unit) @ P - mu @ cp.rel_entr(P, P0[market.worker])
     once = serves @ P <= 1
     return cp.Problem(cp.Maximize(earned), [once, takes @ P + P0 == 1]), once, met, unit
-
-
-def _run(problem: Any, solver: str, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    import cvxpy
-
-    cp: Any = cvxpy
-    if solver not in cp.installed_solvers():
-        raise InputError(f"solver {solver!r} is not installed; there are {', '.join(cp.installed_solvers())}")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an inaccurate end shows in the status and in the certified gap
-            problem.solve(solver=solver, **options)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{solver} does not take {', '.join(options) or 'this'}: {str(error).splitlines()[0]}"
-        ) from error
-    except cp.error.SolverError as error:
-        raise SolverError(
-            f"{solver} failed on the arrival-information program: {str(error).splitlines()[0]}"
-        ) from error
-    stats = problem.solver_stats
-    return problem.status, {"solver": solver, "iterations": stats.num_iters, "solve_seconds": stats.solve_time}

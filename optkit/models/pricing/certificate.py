@@ -127,8 +127,8 @@ def certify(
     given = Given.of("value", value, utility, mu, outside_utility, offered)
     d, c = given.decisions(), given.prices(compensation).money
     shown = np.ones(c.shape, bool) if given.offered is None else given.offered
-    (profit, error), acceptance = enclosure.earned(given, c)
-    gradient = acceptance * ((d.value - c - profit) / d.mu - 1.0)
+    (profit, error), taken = enclosure.earned(given, c)
+    gradient = taken[:, :-1] * ((d.value - c - profit) / d.mu - 1.0)
     infeasibility = np.zeros_like(profit)
     if nonnegative:
         gradient = np.where(c <= 0, np.maximum(gradient, 0.0), gradient)

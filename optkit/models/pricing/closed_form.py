@@ -110,9 +110,12 @@ def _with_held(d: Decisions, hold: Bools) -> Solution:
     s = (share * d.value).sum(axis=1, keepdims=True) / d.mu
     weight, total, log_total = _exp_sum(np.where(hold, -np.inf, d.advantage))
     # log(1 + W_C) = -log_outside, the log-share of the outside option against the held requests.
-    y = wrightomega(log_total - 1.0 - s + log_outside)
+    free = log_total - 1.0 + log_outside
+    y = wrightomega(free - s)
+    # y + log y = free - s: where held requests ruin more than a float tells apart from y, s + y would cancel.
+    ratio = np.where(y > 1.0, free - np.log(np.maximum(y, 1.0)), s + y)
     rest = 1.0 / (1.0 + y)
-    return Solution(s + y, share * rest + weight * (y * rest / total), outside * rest, hold)
+    return Solution(ratio, share * rest + weight * (y * rest / total), outside * rest, hold)
 
 
 def dual_slack(d: Decisions, ratio: Floats, nonnegative: bool) -> Floats:

@@ -26,7 +26,7 @@ class Enclosure(NamedTuple):
 
 
 def earned(given: Given, compensation: Floats) -> tuple[Enclosure, Floats]:
-    """Expected profit of prices (S, n), which need not be good, and the acceptance probabilities (S, n)."""
+    """Expected profit of prices (S, n), which need not be good, and what is taken, (S, n + 1), nothing the last."""
     weight, error = _weights(given, [_aside(compensation)])
     shown = _shown(given)
     margin = np.where(shown, _aside(given.money) - _aside(compensation), 0.0)
@@ -39,7 +39,7 @@ def earned(given: Given, compensation: Floats) -> tuple[Enclosure, Floats]:
     # Whatever the weights are, the profit is a mean of the margins and of 0.
     most = 2.0 * np.abs(margin).max(axis=1, keepdims=True)
     sure = np.maximum(weight - error, 0.0).sum(axis=1, keepdims=True)
-    return Enclosure(profit, np.minimum(spread / sure + summed, most)), share[:, :-1]
+    return Enclosure(profit, np.minimum(spread / sure + summed, most)), share
 
 
 def optimum(given: Given, start: Floats, nonnegative: bool, polish: int = 0) -> Enclosure:

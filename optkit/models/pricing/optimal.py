@@ -10,11 +10,15 @@ import numpy.typing as npt
 
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
-from optkit.models.decision import Floats, Given
+from optkit.models.decision import Decisions, Floats, Given, largest
 from optkit.models.pricing import closed_form
 from optkit.models.pricing.certificate import PriceCertificate, certify
 
 __all__ = ["PriceCertificate", "Pricing", "certify", "optimal_prices"]
+
+
+FINEST = 2.0**52
+"""Value or profit in units of mu from which a price, the value less the markup, is rounded by mu or more."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,8 @@ def optimal_prices(
     ------
     InputError
         If an entry is not finite (but for ``-inf`` in ``utility``) or a ratio to mu is beyond any float, mu is not
-        positive, the mask is not made of True and False, shapes do not fit, or ``nonnegative`` is unknown.
+        positive, the mask is not made of True and False, shapes do not fit, or ``nonnegative`` is unknown; or if value
+        or profit are so large against mu, above 4.5e15 times, that floats leave no room for a price.
 
     See Also
     --------
@@ -112,6 +117,7 @@ def optimal_prices(
         found = closed_form.unconstrained(d)
     else:
         raise InputError(f"nonnegative = {nonnegative!r} is unknown; it is True, False or 'clip'")
+    _fine_enough(d, found)
     markup, profit = d.mu * (1.0 + found.ratio), d.mu * found.ratio
     compensation = d.value - markup
     acceptance, rejection = found.acceptance, found.rejection
@@ -130,3 +136,20 @@ def optimal_prices(
         markup=markup.reshape(d.shape)[()],
         profit=profit.reshape(d.shape)[()],
     )
+
+
+def _fine_enough(d: Decisions, found: closed_form.Solution) -> None:
+    """Raise an InputError where rounding a price changes what workers do: a price in play is too large against mu."""
+    room = FINEST * d.mu
+    if largest(d.value) <= room.min(initial=np.inf) and largest(found.ratio) <= FINEST:
+        return
+    profit = d.mu * found.ratio
+    large = np.maximum(np.abs(d.value), np.abs(profit))
+    priced = True if found.held is None else d.value - profit > -1e-15 * large
+    coarse = priced & (large > room) & (found.acceptance > 1e-12)
+    if coarse.any():
+        s, i = np.argwhere(coarse)[0]
+        raise InputError(
+            f"the price of request {i} is of the size of {large[s, i]:g}, {large[s, i] / d.mu[s, 0]:.2g} times "
+            f"mu = {d.mu[s, 0]:g}: floats leave no room for one that fine; give a larger mu, or other values"
+        )

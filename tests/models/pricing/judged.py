@@ -12,14 +12,16 @@ import time
 import traceback
 from collections import Counter
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any
 
 import mpmath
 import numpy as np
 
-from optkit.basics.errors import InputError
+from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import acceptance_probabilities
 from optkit.models.pricing import certify, optimal_prices
+from optkit.models.pricing_program import ACCURACY, PricingProgram
 
 KINDS = ("ordinary", "ordinary", "scales", "scales", "cancelling", "far", "tied", "loved", "huge")
 
@@ -176,6 +178,36 @@ def judge_certificates(case: Case, rng: np.random.Generator) -> Counter[str]:
     return told
 
 
+@cache
+def program(n: int, nonnegative: bool) -> PricingProgram:
+    """One program for each size: building one takes longer than solving it."""
+    return PricingProgram(n, nonnegative)
+
+
+def judge_program(case: Case, rng: np.random.Generator) -> str:
+    """Solve the concave program, and hold its bound and its prices against the judge; return how it ended."""
+
+    def solve(case: Case) -> Any:
+        facts = case.value, case.utility, case.mu, case.outside_utility
+        try:
+            return program(len(case.value), case.nonnegative).solve(*facts, offered=case.offered)
+        except SolverError:
+            return None
+
+    found, judge = solve(case), Judge(case)
+    unit = 2.0 ** (-40 if case.kind == "huge" else rng.choice([-40, 40]))
+    assert (solve(case.scaled(unit)) is None) == (found is None), f"program: another end in units of {unit}"
+    if found is None:
+        assert case.kind != "ordinary", "program: refused"
+        return "refused"
+    finite(found)
+    assert judge.bounds(found.bound), "program: the bound is exceeded"
+    with mpmath.workdps(judge.digits):
+        allowed = 1.001 * ACCURACY * (mpmath.mpf(case.mu) + abs(mpmath.mpf(found.profit)))
+        assert judge.bounds(judge.earned(found.compensation) + allowed), "program: the prices earn too little"
+    return "solved"
+
+
 def attempt(seed: int) -> Counter[str]:
     """Judge everything about the decision of a seed; return what was said.
 
@@ -193,7 +225,10 @@ def attempt(seed: int) -> Counter[str]:
     finite(priced)
     for probability in acceptance_probabilities(priced.compensation, case.utility, case.mu, **case.facts):
         assert np.isfinite(probability).all()
-    return judge_certificates(case, rng)
+    told = judge_certificates(case, rng)
+    if rng.random() < 0.1:
+        told[f"{case.kind}, program: {judge_program(case, rng)}"] += 1
+    return told
 
 
 def main(seconds: float, first: int = 0) -> int:

@@ -331,6 +331,28 @@ def test_any_scale_gives_probabilities_and_prices_that_certify_without_a_warning
         assert proof.optimal
 
 
+@pytest.mark.parametrize("form", [True, False, "clip"])
+def test_a_request_that_cannot_be_served_is_a_deleted_one(form):
+    v, u = [5.0, 1e300, 6.0], [-1.0, -np.inf, -2.0]
+    p, kept = optimal_prices(v, u, nonnegative=form), optimal_prices([5.0, 6.0], [-1.0, -2.0], nonnegative=form)
+    assert (p.compensation[1], p.acceptance[1]) == (0, 0)
+    assert p.compensation[[0, 2]] == pytest.approx(kept.compensation, abs=1e-14)
+    assert (p.rejection, p.markup, p.profit) == pytest.approx((kept.rejection, kept.markup, kept.profit), abs=1e-14)
+    masked = optimal_prices(v, [-1.0, 1e308, -2.0], nonnegative=form, offered=[True, False, True])
+    assert masked.profit == pytest.approx(kept.profit, abs=1e-14)
+
+
+@pytest.mark.parametrize("ruin", [-1e6, -1e12, -1e16, -1e30, -1e200])
+def test_workers_are_paid_away_from_a_request_that_must_not_be_taken(ruin):
+    """Paying c makes the ruin e^-c as likely: the least of ruin e^-c - c is at c = log(-ruin)."""
+    v, u = [ruin, 30.0], [0.0, 0.0]
+    p = optimal_prices(v, u)
+    # The worker may also reject, as rarely: that costs the 30, little against the ruin.
+    assert p.compensation[1] == pytest.approx(np.log(-ruin), rel=1e-3 if ruin == -1e6 else 1e-6)
+    assert certify(p.compensation, v, u).optimal
+    assert p.profit == pytest.approx(certify(p.compensation, v, u).profit, rel=1e-9)
+
+
 # Errors -------------------------------------------------------------------------------------------------------------
 
 
@@ -355,6 +377,12 @@ def test_any_scale_gives_probabilities_and_prices_that_certify_without_a_warning
         ({"nonnegative": "round"}, "nonnegative = 'round' is unknown"),
         ({"nonnegative": None}, "nonnegative = None is unknown"),
         ({"value": [[1.0, 2.0], [3.0]]}, "value is ragged"),
+        ({"value": [1e17, 2.0]}, "leave no room for one that fine"),
+        ({"utility": [1e17, 2.0], "nonnegative": False}, "leave no room for one that fine"),
+        ({"value": [1e308, 2.0], "utility": [1e308, 0.0]}, "are beyond any float"),
+        ({"utility": [-1e300, 0.0], "mu": 1e-12}, "are beyond any float .request 0.; .* utility -inf"),
+        ({"utility": [1.0, 0.0], "mu": 1e-310}, "mu = 1e-310 is too near an end"),
+        ({"mu": 1e305}, r"mu = 1e\+305 is too near an end"),
     ],
 )
 def test_bad_input_is_named_in_one_line(change, words):
