@@ -214,15 +214,18 @@ class _Model:
         fixed = np.where(free, 0.0, others)
         slope = self.here.slope + (self.times(fixed) if fixed.any() else 0.0)
         inverse = np.where(free, 1.0 / self.curvature, 0.0)
+        try:
+            pulled = self._pull(free, inverse, slope)
+        except (np.linalg.LinAlgError, RuntimeError):  # singular to the last digit: the curvature alone is enough
+            pulled = np.zeros_like(slope)
+        return np.where(free, -inverse * (slope + pulled), fixed)
+
+    def _pull(self, free: npt.NDArray[np.bool_], inverse: Floats, slope: Floats) -> Floats:
+        """What the workers' choices add to the slopes (n,) in the optimum of the model."""
         if self.dense is not None:
             spread = self.dense * inverse
             system = np.diag(1.0 / self.within) - spread @ self.dense.T
-            pulled = np.linalg.solve(system, spread @ slope) @ self.dense
-        else:
-            pulled = self._sparse_pull(free, inverse, slope)
-        return np.where(free, -inverse * (slope + pulled), fixed)
-
-    def _sparse_pull(self, free: npt.NDArray[np.bool_], inverse: Floats, slope: Floats) -> Floats:
+            return np.asarray(np.linalg.solve(system, spread @ slope) @ self.dense)
         from scipy.sparse.linalg import splu
 
         market, acceptance = self.market, self.here.acceptance
@@ -232,10 +235,10 @@ class _Model:
         starts = np.searchsorted(kept, np.append(market.starts, market.size))
         request, weight = market.request[kept], acceptance[kept]
         matrix: Any = sparse.csr_array((weight, request, starts), shape=shape)
-        spread: Any = sparse.csr_array((weight * inverse[request], request, starts), shape=shape)
-        system: Any = sparse.diags_array(1.0 / self.within) - spread @ matrix.T.tocsr()
+        scaled: Any = sparse.csr_array((weight * inverse[request], request, starts), shape=shape)
+        banded: Any = sparse.diags_array(1.0 / self.within) - scaled @ matrix.T.tocsr()
         if shape[0] <= DENSE_WORKERS:
-            return np.asarray(matrix.T @ np.linalg.solve(system.toarray(), spread @ slope))
+            return np.asarray(matrix.T @ np.linalg.solve(banded.toarray(), scaled @ slope))
         # Positive definite and in the order of time: no pivoting, and hardly any fill.
-        factors = splu(system.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        return np.asarray(matrix.T @ factors.solve(spread @ slope))
+        factors = splu(banded.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return np.asarray(matrix.T @ factors.solve(scaled @ slope))
