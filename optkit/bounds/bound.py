@@ -55,7 +55,7 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     ----------
     bound : Bound
         Whose certificate to check.
-    subject : Instance or SmallModel
+    subject : Instance, SmallModel or FluidModel
         What is bounded.
 
     Returns
@@ -87,7 +87,7 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     if not verdict.residual <= 0:
         raise SolverError(f"the certificate's solution breaks a constraint by {verdict.residual:.3g}")
     _finite(verdict.bound)
-    rounding = ROUNDING * max(abs(bound.value), float(abs(subject.penalty.sum())))
+    rounding = ROUNDING * max(abs(bound.value), float(abs((subject.penalty * getattr(subject, "count", 1.0)).sum())))
     if not verdict.bound <= bound.value + rounding:
         claim = f"the bound {bound.value:.9g} that is claimed"
         raise SolverError(f"the certificate proves {verdict.bound:.9g}, not {claim}")

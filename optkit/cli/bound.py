@@ -18,21 +18,28 @@ if TYPE_CHECKING:
     from optkit.bounds.penalised.foresight import Foresight
     from optkit.gap.charging import Charging
     from optkit.instances.instance import Instance
+    from optkit.instances.scenario import Scenario
     from optkit.models.value.request_sets import SetValue
 
 METHODS: dict[str, tuple[str, ...]] = {
     "full": ("assignment", "lp", "milp"),
     "arrival": ("exact", "hybrid", "lagrangian", "program"),
     "penalised": (),
+    "fluid": (),
 }
 """Kinds of bounds, and the methods of each."""
+
+FLUID_TOLERANCE = 1e-5
+"""Relative gap at which the fluid bound's dual is left; it holds at any."""
 
 
 def bound(
     folder: Annotated[Path, typer.Argument(help="Folder of an instance set, written by optkit generate.")],
     kind: Annotated[
         str,
-        typer.Option(help="full (information), arrival (information), or penalised: sets drawn from a scenario only."),
+        typer.Option(
+            help="full (information), arrival (information), penalised or fluid: sets drawn from a scenario only."
+        ),
     ] = "full",
     method: Annotated[
         str | None,
@@ -55,7 +62,8 @@ def bound(
 
     Full information bounds what can be earned on the instance as it is. Arrival information bounds the mean over the
     workers' noise, and is tighter. A penalised bound holds in the mean over instances only, and is the tightest; its
-    charges are trained on further instances of the scenario that scenario.json names.
+    charges are trained on further instances of the scenario that scenario.json names. The fluid bound is one number for
+    that scenario, from expected numbers of requests and workers; its certificate is checked too.
 
     An instance whose solver gave up is reported with the reason and without a bound; the exit status is then 1.
     """
@@ -77,13 +85,19 @@ def bound(
         )
     instances = load_instances(folder)
     source = read_description(folder)["scenario"]
+    if kind == "fluid":
+        if checkpoint is not None:
+            raise InputError("--checkpoint goes with a bound for each instance; --kind fluid is one for all")
+        rows = [_fluid_row(_drawn_again(folder, source, kind))]
+        _tell(folder, kind, rows, out, as_json)
+        return
     key = work_key(exact_digest(instances), kind, method, time_limit, source if kind == "penalised" else None)
     form = Form("optkit bounds", 1, "a file of optkit bound --checkpoint", "choose another folder with --checkpoint")
     log = KeptRows(None if checkpoint is None else checkpoint / f"bounds-{key[:16]}.jsonl", form, key)
     missing = log.missing(range(len(instances)))
     found = dict(log.rows)
     with progress_bar(quiet or as_json) as tell:
-        charging = _charging(folder, source) if kind == "penalised" and missing else None
+        charging = _charging(_drawn_again(folder, source, kind)) if kind == "penalised" and missing else None
         hands = None if charging is None else charging.foresight.dealt(len(instances))
         tasks = [(i, instances[i], None if hands is None else hands[i]) for i in missing]
         value = None if charging is None else charging.value
@@ -94,17 +108,22 @@ def bound(
             found[missing[position]] = row
             tell("bounding", len(found), len(instances))
     rows = [{"instance": i, **found[i], "checked": i not in log.found} for i in range(len(instances))]
-    failed = [row for row in rows if row["bound"] is None]
+    _tell(folder, kind, rows, out, as_json)
+    if any(row["bound"] is None for row in rows):
+        raise typer.Exit(1)
+
+
+def _tell(folder: Path, kind: str, rows: list[dict[str, Any]], out: Path | None, as_json: bool) -> None:
     if as_json:
         say_json({"folder": str(folder), "kind": kind, "bounds": rows})
+    elif kind == "fluid":
+        _print_fluid(folder, rows[0])
     else:
-        _print(folder, kind, rows, failed)
+        _print(folder, kind, rows)
     if out is not None:
         import pandas as pd
 
         write_rows(pd.DataFrame(rows), out)
-    if failed:
-        raise typer.Exit(1)
 
 
 def _check_options(kind: str, method: str | None, time_limit: float | None) -> None:
@@ -117,18 +136,53 @@ def _check_options(kind: str, method: str | None, time_limit: float | None) -> N
         raise InputError(f"--time-limit goes with --kind full, not with {kind}")
 
 
-def _charging(folder: Path, description: dict[str, Any]) -> Charging:
-    """What to charge with, from the scenario that a set says it was drawn from."""
-    from optkit.gap.charging import scenario_charging
+def _drawn_again(folder: Path, description: dict[str, Any], kind: str) -> Scenario:
+    """The scenario that a set says it was drawn from."""
     from optkit.instances.catalogue import scenario_of
 
     source = scenario_of(description)
     if source is None:
+        other = "optkit certify with --worker-rate, or " if kind == "penalised" else ""
         raise InputError(
-            f"--kind penalised: scenario.json of {folder} names no scenario that can be drawn from again (scenarios "
-            "with trips need their trips): take optkit certify with --worker-rate, or --kind arrival"
+            f"--kind {kind}: scenario.json of {folder} names no scenario that can be drawn from again (scenarios "
+            f"with trips need their trips): take {other}--kind arrival"
         )
+    return source
+
+
+def _charging(source: Scenario) -> Charging:
+    from optkit.gap.charging import scenario_charging
+
     return scenario_charging(source)
+
+
+def _fluid_row(source: Scenario) -> dict[str, Any]:
+    """The fluid bound of a scenario, proven, with expected numbers in place of an instance's."""
+    from optkit.bounds.bound import prove
+    from optkit.bounds.fluid.bound import fluid_bound
+    from optkit.gap.fluid_scenario import fluid_model
+
+    model = fluid_model(source)
+    found = fluid_bound(model, tolerance=FLUID_TOLERANCE)
+    return {
+        "instance": None,
+        "requests": float(model.count.sum()),
+        "workers": float(model.presence.sum()),
+        "penalty": float(model.count @ model.penalty),
+        "bound": found.value,
+        "gap": prove(found, model).gap,
+        "method": found.solver.method,
+        "seconds": found.solver.seconds,
+        "error": None,
+        "checked": True,
+    }
+
+
+def _print_fluid(folder: Path, row: dict[str, Any]) -> None:
+    headings = ["expected requests", "expected workers", "bound", "certified gap"]
+    shown = [f"{row['requests']:.4f}", f"{row['workers']:.4f}", f"{row['bound']:.4f}", f"{row['gap']:.1e}"]
+    print_table(f"fluid bound of the scenario: {folder}", headings, [shown])
+    say("no policy earns more in the mean over instances of the scenario; certificate checked")
 
 
 def _bound_one(
@@ -160,9 +214,10 @@ def _bound_one(
     return {**base, **checked, "error": None}
 
 
-def _print(folder: Path, kind: str, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> None:
+def _print(folder: Path, kind: str, rows: list[dict[str, Any]]) -> None:
     from optkit.simulation.metrics import mean_interval
 
+    failed = [row for row in rows if row["bound"] is None]
     good = [row for row in rows if row["bound"] is not None]
     shown = [
         [str(row["instance"]), str(row["requests"]), str(row["workers"]), f"{row['bound']:.4f}", f"{row['gap']:.1e}"]

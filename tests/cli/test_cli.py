@@ -16,6 +16,7 @@ import pytest
 from optkit.basics.plain_json import sealed
 from optkit.bounds import arrival_information, full_information
 from optkit.gap import charging
+from optkit.gap.fluid_scenario import bid_prices
 from optkit.instances.catalogue import scenario
 from optkit.instances.storage import load_instances, read_description, save_instances
 from tests.command_line import optkit
@@ -127,7 +128,7 @@ def test_bound_reports_a_solver_that_gave_up(small):
 
 
 def test_bound_kinds_agree_with_the_library(tmp_path, monkeypatch):
-    """Bounds of arrivals are those of the library; the penalised are proven; it is said that only their mean counts."""
+    """Bounds of arrivals and the fluid are the library's; the penalised are proven, and only their mean counts."""
     monkeypatch.setattr(charging, "MOST", 80)  # fewer instances to train on prove less, but as surely
     source = scenario("I.2", seed=3, horizon=15)
     few = ["--set", "horizon=15", "--count", 6, "--sample-seed", 5]
@@ -141,6 +142,11 @@ def test_bound_kinds_agree_with_the_library(tmp_path, monkeypatch):
     done = optkit("bound", tmp_path / "set", "--kind", "penalised", "--out", rows, check=0)
     assert "only the mean is a bound" in done.stdout
     assert (pd.read_csv(rows)["gap"].abs() < 1e-6).all()
+    told = json.loads(optkit("bound", tmp_path / "set", "--kind", "fluid", "--json", check=0).stdout)["bounds"]
+    assert [row["bound"] for row in told] == pytest.approx([bid_prices(source)[0].value], rel=1e-12)
+    assert "no policy earns more in the mean" in optkit("bound", tmp_path / "set", "--kind", "fluid", check=0).stdout
+    refused = optkit("bound", tmp_path / "set", "--kind", "fluid", "--checkpoint", tmp_path / "kept", check=2)
+    assert "--checkpoint" in refused.stderr
 
 
 def test_bound_goes_on_from_its_checkpoint(small, tmp_path):
