@@ -97,7 +97,9 @@ def bound(
     missing = log.missing(range(len(instances)))
     found = dict(log.rows)
     with progress_bar(quiet or as_json) as tell:
-        charging = _charging(_drawn_again(folder, source, kind)) if kind == "penalised" and missing else None
+        charging = None
+        if kind == "penalised" and missing:
+            charging = _charging(folder, _drawn_again(folder, source, kind), instances)
         hands = None if charging is None else charging.foresight.dealt(len(instances))
         tasks = [(i, instances[i], None if hands is None else hands[i]) for i in missing]
         value = None if charging is None else charging.value
@@ -150,10 +152,15 @@ def _drawn_again(folder: Path, description: dict[str, Any], kind: str) -> Scenar
     return source
 
 
-def _charging(source: Scenario) -> Charging:
+def _charging(folder: Path, source: Scenario, instances: list[Instance]) -> Charging:
+    """What to charge with, if the instances do not contradict that they are from the scenario."""
     from optkit.gap.charging import scenario_charging
+    from optkit.gap.process_tests import process_tests
 
-    return scenario_charging(source)
+    charging = scenario_charging(source)
+    for refused in process_tests(instances, charging.foresight)[0]:
+        raise InputError(f"--kind penalised: {folder} is not from the scenario that it names: {refused}")
+    return charging
 
 
 def _fluid_row(source: Scenario) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
@@ -48,8 +48,15 @@ def certify(
         str | None, typer.Option(help="Bounds, by commas: full, lagrangian, arrival, penalised. All that can be.")
     ] = None,
     worker_rate: Annotated[
-        float | None,
-        typer.Option(help="Folders of your own: mean number of workers who join a step (Poisson), if you know it."),
+        str | None,
+        typer.Option(
+            help="Folders of your own: mean number of workers who join a step (Poisson), if you know it; or learned: "
+            "rates by time of day, from the days that are not measured on."
+        ),
+    ] = None,
+    train: Annotated[
+        Path | None,
+        typer.Option(help="Folder of other days to train and learn on; then all days of SOURCE are measured on."),
     ] = None,
     group_share: Annotated[
         str | None, typer.Option(help="With --worker-rate and several groups: their probabilities, e.g. 0.3,0.7.")
@@ -73,7 +80,8 @@ def certify(
 
     Policies are trained on the training instances and measured on the test instances, where every bound's certificate
     is checked. The penalised bound needs to know the process: a scenario does, and so does a folder that optkit
-    generate wrote; of your own, give --worker-rate. What was assumed is said.
+    generate wrote; of your own, give --worker-rate. What was assumed is said, and tested on the test instances: where
+    they contradict it there is no penalised bound, one line says why, and the exit status is 1.
     """
     from optkit.basics.parallel import check_jobs
     from optkit.bounds.arrival.exact import check_limit
@@ -90,7 +98,7 @@ def certify(
         FIGURE.check(plot, "--plot", reads)
     wanted = policy or ["myopic", "linear"]
     given = _given_policies(wanted)
-    shares = _shares(group_share)
+    shares, rate = _shares(group_share), _rate(worker_rate)
     chosen = None if kinds is None else chosen_kinds([kind.strip() for kind in kinds.split(",")])
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     more: dict[str, Any] = {"n_jobs": jobs, "checkpoint": checkpoint, "seed": seed}
@@ -100,11 +108,12 @@ def certify(
         more["kinds"] = chosen
     with progress_bar(quiet or as_json) as tell:
         charge = chosen is None or "penalised" in chosen
-        split, tested, charging, noise = _prepare(opened, instances, worker_rate, shares, charge, tell)
+        split, tested, charging, noise = _prepare(opened, train, instances, rate, shares, charge, tell)
         if charging is None and chosen is not None and charge:
             raise InputError(f"--kinds penalised: nothing tells how workers come in {source}: give --worker-rate")
         if charging is not None:
             more |= {"value": charging.value, "foresight": charging.foresight, "assumptions": charging.assumptions}
+            more |= {"learned": charging.learned, "known_process": not isinstance(opened, Path)}
         more["assumptions"] = (*more.get("assumptions", ()), *noise)
         named = _policies(wanted, given, split, charging, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
@@ -122,8 +131,9 @@ def certify(
 
 def _prepare(
     opened: Scenario | Path,
+    train: Path | None,
     count: int | None,
-    worker_rate: float | None,
+    worker_rate: float | Literal["learned"] | None,
     shares: list[float] | None,
     charge: bool,
     tell: Callable[[str, int, int], object],
@@ -131,13 +141,16 @@ def _prepare(
     """Return instances to train on and to measure on, what a penalised bound needs, and what to say of noise."""
     from optkit.gap.charging import scenario_charging, worker_charging
     from optkit.instances.catalogue import scenario_of, worker_settings
-    from optkit.instances.splits import held_out, read_split
+    from optkit.instances.splits import held_out, read_apart, read_split
+    from optkit.learning.worker_rates import learn_worker_rates
 
     if shares is not None and worker_rate is None:
         raise InputError("--group-share goes with --worker-rate")
+    if train is not None and not isinstance(opened, Path):
+        raise InputError("--train goes with a folder: a scenario draws its own training instances")
     noise: list[str] = []
     if isinstance(opened, Path):
-        split, origin = read_split(opened)
+        split, origin = read_split(opened) if train is None else read_apart(opened, train)
         if "noise" in origin:
             noise.append(f"noise: drawn here for {origin['noise']} instances of the folder, which have none")
         if not split.test:
@@ -155,7 +168,10 @@ def _prepare(
     if not charge or (worker_rate is None and source is None):
         return split, tested, None, noise
     tell("charging", 0, 1)
-    if worker_rate is not None:
+    if worker_rate == "learned":
+        others = [*split.train, *split.validation]
+        charging = worker_charging(split.train, learn_worker_rates(others), shares)
+    elif worker_rate is not None:
         charging = worker_charging(split.train, worker_rate, shares)
     else:
         assert source is not None
@@ -165,6 +181,15 @@ def _prepare(
             charging = replace(charging, assumptions=(drawn, *charging.assumptions))
     tell("charging", 1, 1)
     return split, tested, charging, noise
+
+
+def _rate(text: str | None) -> float | Literal["learned"] | None:
+    if text is None or text == "learned":
+        return cast("Literal['learned'] | None", text)
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--worker-rate {text}: give a mean number of workers a step, or the word learned") from None
 
 
 def _shares(text: str | None) -> list[float] | None:

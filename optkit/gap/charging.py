@@ -21,6 +21,7 @@ from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario
 from optkit.learning.training import train
+from optkit.learning.worker_rates import WorkerRates
 from optkit.models.value import LinearValue
 from optkit.models.value.experience import Estimator
 from optkit.models.value.request_sets import SetValue
@@ -49,12 +50,15 @@ class Charging:
         The policy that prices by V: a good one.
     assumptions : tuple of str
         What the bound rests on, in words.
+    learned : WorkerRates or None
+        What workers were learned as, if they were.
     """
 
     value: SetValue
     foresight: Foresight
     policy: Policy
     assumptions: tuple[str, ...]
+    learned: WorkerRates | None = None
 
 
 def charging_value(groups: int = 1) -> LinearValue:
@@ -146,21 +150,23 @@ def scenario_charging(
 
 def worker_charging(
     instances: Sequence[Instance],
-    rate: float,
+    rate: npt.ArrayLike | WorkerRates,
     share: npt.ArrayLike | None = None,
     *,
     estimator: Estimator | None = None,
 ) -> Charging:
-    """Charge for foresight of workers only, whose process is taken to be known.
+    """Charge for foresight of workers only, whose process is taken to be known, or was learned.
 
     Parameters
     ----------
     instances : sequence of Instance
         To train the value function on; none of those to be bounded.
-    rate : float
-        Mean number of workers who join the queue in a step (Poisson); one is seen a step, and leaves.
+    rate : float, (T,) float or WorkerRates
+        Mean number of workers who join the queue in a step (Poisson), one for each step if it changes; one is seen a
+        step, and leaves. Or what :func:`optkit.learning.worker_rates.learn_worker_rates` learned from days that are
+        not bounded.
     share : (D,) float, optional
-        Probability of each group; needed if there are several.
+        Probability of each group; needed if there are several, and shares were not learned.
     estimator : Estimator, optional
         As in :func:`scenario_charging`.
 
@@ -182,7 +188,15 @@ def worker_charging(
     'requests: nothing is assumed, nor charged for'
     """
     batch = Batch.of(instances)
-    presence, groups = fifo_presence(rate, max(LONGEST, batch.horizon)), batch.groups
+    groups = batch.groups
+    if isinstance(rate, WorkerRates):
+        learned: WorkerRates | None = rate
+        presence, share = rate.presence, rate.share if share is None else share
+        rates = f"rates learned from {rate.days} other days, {rate}"
+    else:
+        learned, steady = None, np.ndim(rate) == 0
+        presence = fifo_presence(rate, max(LONGEST, batch.horizon) if steady else None)
+        rates = f"{float(np.asarray(rate)):g} a step" if steady else "rates given for each step"
     if share is None and groups > 1:
         raise InputError(f"there are {groups} groups of workers: their shares must be given, for example 0.3,0.7")
     shares = np.ones(1) if share is None else real("share", share)
@@ -192,11 +206,11 @@ def worker_charging(
     fitted = train(instances, charging_value(groups) if estimator is None else estimator, choice="true")
     of_groups = "" if groups == 1 else f", of groups with shares {', '.join(f'{s:g}' for s in shares)}"
     told = (
-        f"workers are assumed to join a queue at {rate:g} a step (Poisson){of_groups}; else no penalised bound holds",
+        f"workers are assumed to join a queue at {rates} (Poisson){of_groups}; else no penalised bound holds",
         "requests: nothing is assumed, nor charged for",
         f"value function: trained on {len(instances)} other instances",
     )
-    return Charging(fitted.value, foresight, fitted.policy, told)
+    return Charging(fitted.value, foresight, fitted.policy, told, learned)
 
 
 def _bare(instance: Instance) -> Instance:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from optkit.bounds.penalised.foresight import Foresight
+from optkit.gap.request_tests import request_test
 from optkit.gap.worker_tests import worker_test
 from optkit.instances.instance import Instance
+from optkit.learning.worker_rates import WorkerRates
 
 
-def process_tests(instances: Sequence[Instance], foresight: Foresight, seed: int = 0) -> tuple[list[str], list[str]]:
-    """Test workers on the instances that are to be bounded.
+def process_tests(
+    instances: Sequence[Instance], foresight: Foresight, *, learned: WorkerRates | None = None, seed: int = 0
+) -> tuple[list[str], list[str]]:
+    """Test workers, and requests if they are charged for, on the instances that are to be bounded.
 
     Parameters
     ----------
@@ -18,6 +22,8 @@ def process_tests(instances: Sequence[Instance], foresight: Foresight, seed: int
         Nothing of the foresight may have been made from them.
     foresight : Foresight
         The process.
+    learned : WorkerRates, optional
+        As in :func:`~optkit.gap.worker_tests.worker_test`.
     seed : int
         Of the days that are drawn.
 
@@ -37,12 +43,25 @@ def process_tests(instances: Sequence[Instance], foresight: Foresight, seed: int
     []
     """
     refused, told = [], []
-    workers = worker_test(instances, foresight, seed=seed)
+    workers = worker_test(instances, foresight, learned=learned, seed=seed)
     if workers.contradicted:
+        remedy = (
+            "take rates by time of day learned from other days (--worker-rate learned; optkit.learning.worker_rates)"
+            if learned is None
+            else "take more days to learn from, of the same kind (--train)"
+        )
         refused.append(
-            f"workers do not come as was assumed, {workers.told} (p = {workers.p:.3f}): take rates by time of day "
-            "learned from other days (--worker-rate learned; optkit.learning.worker_rates), or leave that bound out"
+            f"workers do not come as was assumed, {workers.told} (p = {workers.p:.3f}): "
+            f"{remedy}, or leave that bound out"
         )
     else:
         told.append(f"workers: tested by time of day, busy stretch and spread, not contradicted (p = {workers.p:.2f})")
+    requests = request_test(instances, foresight, seed=seed)
+    if requests is not None and requests.contradicted:
+        refused.append(
+            f"requests do not arrive as was assumed, {requests.told} (p = {requests.p:.3f}): charge for workers alone "
+            "(--worker-rate; optkit.gap.charging.worker_charging), or leave that bound out"
+        )
+    elif requests is not None:
+        told.append(f"requests: tested by number, time, kind and place, not contradicted (p = {requests.p:.2f})")
     return refused, told

@@ -31,6 +31,7 @@ from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario
 from optkit.instances.splits import held_out
 from optkit.learning.beliefs import BelievedValue
+from optkit.learning.worker_rates import WorkerRates
 from optkit.models.value.request_sets import SetValue
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
@@ -185,6 +186,7 @@ def gap_report(
     confidence: float = 0.95,
     assumptions: Sequence[str] = (),
     known_process: bool = False,
+    learned: WorkerRates | None = None,
     seed: int = 0,
     n_jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
@@ -222,6 +224,8 @@ def gap_report(
     known_process : bool
         Whether the instances are known to be drawn from the process of the foresight: then it is not tested before,
         only by what policies are charged. A scenario's own instances are.
+    learned : WorkerRates, optional
+        What the foresight's workers were learned as: the tests then allow for what could not be learned.
     seed : int
         Of the arrivals that might have come, of the noise, and of the tests.
     n_jobs : int
@@ -268,7 +272,7 @@ def gap_report(
     jobs = check_jobs(n_jobs)
     refused: list[str] = []
     if "penalised" in chosen and foresight is not None and not known_process:
-        refused, tested = process_tests(instances, foresight, seed)
+        refused, tested = process_tests(instances, foresight, learned=learned, seed=seed)
         told += tested
         if refused:
             chosen, value, foresight = tuple(kind for kind in chosen if kind != "penalised"), None, None
@@ -294,7 +298,7 @@ def gap_report(
     if not kept:
         raise SolverError(f"none of {len(rows)} instances could be bounded; the first: {failures[0]}")
     if "penalised" in chosen:
-        charges = charge_test(kept, list(policies))
+        charges = charge_test(kept, list(policies), learned_from=None if learned is None else learned.days)
         if charges.contradicted:
             refused.append(f"{charges.told}, beyond its error: the process is not the one that was assumed")
             chosen = tuple(kind for kind in chosen if kind != "penalised")

@@ -20,6 +20,7 @@ from optkit.basics.seeds import Stream, stream
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.gap.simulated_test import DRAWS, ProcessTest, stands_out
 from optkit.instances.instance import Floats, Instance, Ints
+from optkit.learning.worker_rates import WorkerRates
 
 PARTS = (1, 4, 12)
 """Parts of the day, in which numbers are compared at once: a steady error, a rush, a short one."""
@@ -76,7 +77,9 @@ class SeenWorkers:
         return cls(group, within, np.digitize(share, [1 / 3, 2 / 3]))
 
 
-def worker_test(instances: Sequence[Instance], foresight: Foresight, *, seed: int = 0) -> ProcessTest:
+def worker_test(
+    instances: Sequence[Instance], foresight: Foresight, *, learned: WorkerRates | None = None, seed: int = 0
+) -> ProcessTest:
     """Test whether instances' workers come, and are of the groups, that a foresight foretells.
 
     Parameters
@@ -85,6 +88,9 @@ def worker_test(instances: Sequence[Instance], foresight: Foresight, *, seed: in
         The days that are bounded; nothing of the foresight may have been made from them.
     foresight : Foresight
         Its ``presence`` and ``share`` are tested.
+    learned : WorkerRates, optional
+        What they were made from, if they were learned: days are then drawn by rates and shares that might be the true
+        ones, so that what few days could teach is not held against the others.
     seed : int
         Of the days that are drawn.
 
@@ -113,17 +119,37 @@ def worker_test(instances: Sequence[Instance], foresight: Foresight, *, seed: in
     present = seen.group >= 0
     observed = _statistics(seen, foresight, 1, lambda step, p: present[None, :, step])[0]
     size = max(1, CHUNK // len(instances))
-    simulated = [
-        _statistics(seen, foresight, min(size, DRAWS - start), lambda step, p: rng.random(p.shape) < p)
-        for start in range(0, DRAWS, size)
-    ]
+    simulated = []
+    for start in range(0, DRAWS, size):
+        runs = min(size, DRAWS - start)
+        draw = _by_table(rng) if learned is None else _by_queue(learned.draw(runs, rng), len(instances), rng)
+        simulated.append(_statistics(seen, foresight, runs, draw))
     p, worst = stands_out(observed, np.vstack(simulated), [name.startswith("in their") for name in NAMES])
     told = f"{NAMES[worst]}: {_numbers(seen, foresight)}"
     if foresight.share.size > 1:
-        of_groups = _group_p(seen, foresight.share, rng)
+        of_groups = _group_p(seen, foresight.share, learned, rng)
         # Two tests share the level.
         p, told = (2 * p, told) if p <= of_groups else (2 * of_groups, _groups_told(seen, foresight.share))
     return ProcessTest(min(p, 1.0), told)
+
+
+def _by_table(rng: np.random.Generator) -> Draw:
+    """Draw who is seen with the probabilities that are foretold."""
+    return lambda step, p: rng.random(p.shape) < p
+
+
+def _by_queue(rates: Floats, days: int, rng: np.random.Generator) -> Draw:
+    """Draw who is seen of a queue that Poisson workers join at rates of its own in each run, (R, T)."""
+    waiting = np.zeros((len(rates), days), np.int64)
+
+    def draw(step: int, p: Floats) -> Bools:
+        nonlocal waiting
+        waiting += rng.poisson(rates[:, step, None], waiting.shape)
+        came = waiting > 0
+        waiting -= came
+        return came
+
+    return draw
 
 
 def _statistics(seen: SeenWorkers, foresight: Foresight, runs: int, draw: Draw) -> Floats:
@@ -184,7 +210,7 @@ def _numbers(seen: SeenWorkers, foresight: Foresight) -> str:
     return f"steps {where[0]} to {where[-1]} saw {sums[0, worst]:.0f} workers, {sums[1, worst]:.0f} foretold"
 
 
-def _group_p(seen: SeenWorkers, share: Floats, rng: np.random.Generator) -> float:
+def _group_p(seen: SeenWorkers, share: Floats, learned: WorkerRates | None, rng: np.random.Generator) -> float:
     """P-value of the groups of those who were seen, given how many there were in each part of each day."""
     n, T = seen.within.shape
     part = np.arange(T) * min(PARTS[1], T) // T
@@ -196,11 +222,12 @@ def _group_p(seen: SeenWorkers, share: Floats, rng: np.random.Generator) -> floa
     total = counts.sum(axis=2).astype(np.int64)
     if (counts[..., share == 0] > 0).any():
         return 0.0
-    size = max(1, CHUNK // total.size)
-    drawn = [
-        _group_statistics(rng.multinomial(total, share, size=(min(size, DRAWS - start), *total.shape)), share)
-        for start in range(0, DRAWS, size)
-    ]
+    drawn = []
+    for start in range(0, DRAWS, max(1, CHUNK // total.size)):
+        runs = min(max(1, CHUNK // total.size), DRAWS - start)
+        might = share[None] if learned is None else rng.dirichlet(learned.group_count, runs)
+        of_groups = rng.multinomial(total, might[:, None, None], size=(runs, *total.shape))
+        drawn.append(_group_statistics(of_groups, share))
     return stands_out(_group_statistics(counts[None], share)[0], np.vstack(drawn), [False, False, True])[0]
 
 

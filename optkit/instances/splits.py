@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from optkit.basics.arrays import whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.paths import resolved
 from optkit.basics.seeds import Stream, stream
+from optkit.instances.digest import exact_digest
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario, Split, cut
@@ -69,6 +71,40 @@ def read_split(folder: Path) -> tuple[Split, dict[str, Any]]:
     held = max(1, round(n * test / total))
     kept = round(n * validation / total)
     return cut(instances, (n - held - kept, held, kept)), origin
+
+
+def read_apart(folder: Path, train: Path) -> tuple[Split, dict[str, Any]]:
+    """Read days to measure on from one folder, and days to learn from from another; each a set, or parts of a split.
+
+    Returns
+    -------
+    Split
+        The folder's test part, or all of its set; training and validation parts of the other, or all of its set.
+    dict
+        Where they come from, as of :func:`read_split`.
+
+    Raises
+    ------
+    DataError
+        If a set cannot be read.
+    InputError
+        If a day is in both.
+    """
+    tested, other = (folder / "test" if has_parts(folder) else folder), {"train": train}
+    if has_parts(train):
+        other = {part: train / part for part in ("train", "validation") if (train / part).is_dir()}
+    sets = {**other, "test": tested}
+    parts = {part: _realised(load_instances(place), 4 + PARTS.index(part)) for part, place in sets.items()}
+    days = {part: parts.get(part, ([], 0))[0] for part in PARTS}
+    known = {_bare_digest(one) for one in (*days["train"], *days["validation"]) if one.n_requests}
+    both = sum(_bare_digest(one) in known for one in days["test"])
+    if both:
+        raise InputError(f"{both} of the days of {folder} are in {train} too: learn from others than those measured on")
+    return Split(**days), _origin(folder, sets, sum(drawn for _, drawn in parts.values()))
+
+
+def _bare_digest(one: Instance) -> bytes:
+    return exact_digest([replace(one, noise=None, outside_noise=None)])
 
 
 def _realised(instances: list[Instance], part: int) -> tuple[list[Instance], int]:

@@ -159,6 +159,23 @@ def test_a_worker_rate_that_the_days_contradict_is_refused(certify, own):
     assert "workers do not come" in strict(out)["refused"][0]
 
 
+def test_rates_are_learned_from_other_days(certify, own, tmp_path):
+    """From the folder's own training days, or from another folder, whose days are none of those measured on."""
+    asked = ["--policy", "myopic", "--worker-rate", "learned", "--json"]
+    status, out, _ = certify(own, *asked)
+    assert status == 0
+    assert strict(out)["bounds"][-1]["kind"] == "penalised"
+    assert any("rates learned from 50 other days" in told for told in strict(out)["assumptions"])
+    save_instances(tmp_path / "late", scenario("I.2", seed=0, **SETTINGS).sample(5, seed=7))
+    status, out, _ = certify(tmp_path / "late", "--train", own, *asked)
+    assert status == 0
+    assert strict(out)["instances"] == 5
+    assert any("rates learned from 50 other days" in told for told in strict(out)["assumptions"])
+    status, _, err = certify(own / "train", "--train", own, *asked)
+    assert status == 2
+    assert re.search(r"\d+ of the days of .* are in .* too", err)
+
+
 def test_huge_offers_are_one_line(certify, own, tmp_path):
     (tmp_path / "own.py").write_text("def huge(state):\n    return 1e308 + 0.0 * state.reward\n")
     status, out, err = certify(own, "--policy", f"{tmp_path}/own.py:huge", "--kinds", "arrival")
@@ -261,6 +278,8 @@ def test_a_stopped_report_goes_on(certify, tmp_path):
         (["I.2", "--policy", "linear", "--policy", "linear"], "two of the policies are called linear"),
         (["I.2", "--policy", "charging", "--kinds", "arrival", *SMALL], "no penalised bound"),
         (["I.2", "--worker-rate", "0.5"], "--worker-rate goes with a folder"),
+        (["I.2", "--worker-rate", "half"], "--worker-rate half: give a mean number"),
+        (["I.2", "--train", "elsewhere"], "--train goes with a folder"),
         (["I.2", "--group-share", "0.5,0.5"], "--group-share goes with"),
         (["I.2", "--group-share", "half"], "--group-share half"),
         (["I.2", "--out", "rows.txt"], "must be a file that ends in"),

@@ -43,7 +43,7 @@ FALSE = (rush, slow, uneven, bursts, timetable)
 
 
 def days(process, count, seed, groups=None):
-    """Draw days without noise; ``groups`` draws the workers' groups, (J,), from their steps and a generator."""
+    """Draw days; ``groups`` draws the workers' groups, (J,), from their steps and a generator."""
     rng, found = np.random.default_rng(seed), []
     for _ in range(count):
         step, _ = fifo_queue(np.repeat(np.arange(STEPS), process(rng)), STEPS)
@@ -57,6 +57,6 @@ def days(process, count, seed, groups=None):
                 reward=rng.uniform(20, 60, n), penalty=np.full(n, -5.0), features=np.zeros((n, 0)),
                 pickup=np.zeros(n, int), dropoff=np.zeros(n, int), worker_step=step, worker_group=group,
                 utility=np.tile(rng.uniform(-30, -10, n), (sides, 1)), mu=np.ones(sides),
-            )
+            ).with_noise(int(rng.integers(2**31)))
         )  # fmt: skip
     return found

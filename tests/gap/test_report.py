@@ -1,5 +1,7 @@
 """The gap report: policies against bounds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,11 +10,13 @@ from optkit import scenario
 from optkit.basics.errors import InputError, PolicyError, SolverError
 from optkit.bounds import full_information
 from optkit.bounds.penalised.foresight import Foresight, fifo_presence
-from optkit.gap.charging import scenario_charging
+from optkit.gap.charging import scenario_charging, worker_charging
 from optkit.gap.report import GapReport, gap_report
+from optkit.learning.worker_rates import learn_worker_rates
 from optkit.models.value import LinearValue
 from optkit.policies import PostDecisionPricing, RewardPercentage
 from optkit.simulation.metrics import mean_interval
+from tests.gap import processes
 
 NAMED = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}
 
@@ -154,8 +158,6 @@ def test_simulated_and_enumerated_agree(days, charges):
 
 def test_noise_is_not_needed(days):
     """Without noise it is drawn for full information only: all that rests on the arrivals is as it was."""
-    from dataclasses import replace
-
     bare = [replace(day, noise=None, outside_noise=None) for day in days[:3]]
     with_noise, without = (gap_report(some, NAMED, kinds="arrival") for some in (days[:3], bare))
     for column in ("bound: arrival", "policy: half"):
@@ -195,6 +197,28 @@ def test_charges_that_are_paid_without_foresight_refuse_the_bound(days, charges)
     assert (found.policies["charge"] == 0).all()
     assert found.policies["money"].tolist() == found.policies["raw_money"].tolist()
     assert found.best_bound == "arrival"
+
+
+def test_requests_that_arrive_otherwise_make_no_penalised_bound(days, charges):
+    """Days that only say that they are of a scenario: rewards doubled since, the pool's requests are not theirs."""
+    changed = [replace(day, reward=2.0 * day.reward) for day in days]
+    found = gap_report(changed, {"half": NAMED["half"]}, **charges)
+    assert found.best_bound == "arrival"
+    assert len(found.refused) == 1
+    assert "requests do not arrive as was assumed" in found.refused[0]
+
+
+def test_a_rush_that_was_learned_makes_a_claim():
+    """Rates by time of day from other days are not contradicted; a steady rate of the same mean is."""
+    others, measured = (processes.days(processes.rush, count, seed) for count, seed in ((40, 1), (10, 2)))
+    made = worker_charging(others, learn_worker_rates(others), estimator=LinearValue())
+    told = {"assumptions": made.assumptions, "learned": made.learned}
+    found = gap_report(measured, NAMED, value=made.value, foresight=made.foresight, **told)
+    assert found.refused == ()
+    assert found.bounds["kind"].iloc[-1] == "penalised"
+    assert any("rates learned from 40 other days" in told for told in found.assumptions)
+    steady = Foresight(fifo_presence(0.5), np.ones(1))
+    assert gap_report(measured, NAMED, value=made.value, foresight=steady).refused
 
 
 def test_raw_money_is_the_plain_mean_of_the_rows(report):
@@ -242,8 +266,6 @@ def test_a_bound_that_fails_is_left_out(days, monkeypatch):
 
 def test_empty_days_have_no_points_but_money(days):
     """Where nothing can be gained there is nothing to measure by; gaps in money are zero."""
-    from dataclasses import replace
-
     some = days[0]
     nobody = replace(
         some, worker_step=np.zeros(0, int), worker_group=np.zeros(0, int), noise=None, outside_noise=None
