@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import operator
 import os
+from collections.abc import Sequence
 from dataclasses import fields
 from decimal import Decimal
 from numbers import Real
@@ -92,6 +93,20 @@ def number(
         span += "" if most == math.inf else f" {'and' if span else 'of'} at most {most:g}"
         raise error(f"{name} = {_shown(value)} is not a finite number{span}")
     return found
+
+
+def flag(name: str, value: Any, *, error: Error = InputError) -> bool:
+    """Return True or False as it is; anything else, 0 and 1 included, is an error."""
+    if not isinstance(value, bool | np.bool_):
+        raise error(f"{name} = {_shown(value)} is neither True nor False")
+    return bool(value)
+
+
+def one_of(name: str, value: Any, options: Sequence[str], *, error: Error = InputError) -> str:
+    """Return one of some words; an error names them all."""
+    if not isinstance(value, str) or value not in options:
+        raise error(f"{name} = {_shown(value)} is unknown; it is {' or '.join(map(repr, options))}")
+    return value
 
 
 def is_finite(value: Any) -> bool:

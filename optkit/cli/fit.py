@@ -28,6 +28,9 @@ def fit(
     ridge: Annotated[float, typer.Option(help="L2 penalty of every coefficient; settles what data leave open.")] = 0.0,
     scale_penalty: Annotated[float, typer.Option(help="L2 penalty of the compensation's coefficient alone.")] = 0.0,
     robust: Annotated[bool, typer.Option(help="Sandwich standard errors.")] = False,
+    cluster: Annotated[
+        str | None, typer.Option(help="Column whose decisions depend on each other (the worker): clustered errors.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Save the summary as text, and as JSON beside it.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -48,7 +51,7 @@ def fit(
         raise InputError(f"--out {out}: give the text file's name, such as fit.txt; the JSON goes beside it")
     if out is not None:
         _check_out(out, table)
-    offers = Offers.load(table, names)
+    offers = Offers.load(table, names, cluster)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EstimationWarning)
         warnings.simplefilter("always", ConvergenceWarning)
@@ -102,7 +105,8 @@ def _plain(found: Preferences) -> dict[str, Any]:
     return {
         "parameters": found.table().to_dict(orient="records"),
         "models": [
-            {"converged": bool(results.converged)} | {name: float(getattr(results, name)) for name in numbers}
+            {"converged": bool(results.converged), "standard_errors": results.cov_kwds["description"]}
+            | {name: float(getattr(results, name)) for name in numbers}
             for results in found.results
         ],
         "identification": [

@@ -43,11 +43,11 @@ def _made_frame(name: str, x: Any) -> Any:
     try:
         if isinstance(x, Mapping):
             return pd.DataFrame(dict(x))
-        if fields:
+        if fields and not labelled(x):
             return pd.DataFrame({field: x[field] for field in fields})
         if hasattr(x, "to_pandas"):
             return x.to_pandas()
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, KeyError) as error:
         raise InputError(f"{name} is no table: {' '.join(str(error).split())}") from None
     described = getattr(x, "design_info", x)  # that is where patsy keeps the names
     names = getattr(described, "column_names", getattr(described, "columns", None))

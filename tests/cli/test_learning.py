@@ -193,3 +193,20 @@ def test_help(optkit, verb):
     code, out, _ = optkit(verb, "--help")
     assert code == 0
     assert "--json" in out
+
+
+def test_fit_clusters_by_a_column(optkit, log, tmp_path):
+    """optkit fit --cluster COLUMN tells clustered standard errors, and refuses a column that is not there."""
+    file = tmp_path / "log.csv"
+    log.to_frame().assign(worker=[f"w{s % 40}" for s in log.situation]).to_csv(file, index=False)
+    plain = json.loads(optkit("fit", file, "--features", ",".join(log.names), "--json", check=0).stdout)
+    done = json.loads(optkit("fit", file, "--cluster", "worker", "--json", check=0).stdout)
+    said = "Sandwich of 40 clusters, with the small-sample correction."
+    assert [model["standard_errors"] for model in done["models"]] == [said]
+    want = fit_preferences(Offers.load(file, cluster="worker")).table().to_dict(orient="records")
+    assert [row["standard_error"] for row in done["parameters"]] == pytest.approx([r["standard_error"] for r in want])
+    assert [r["estimate"] for r in done["parameters"]] == pytest.approx([r["estimate"] for r in plain["parameters"]])
+    assert f"Standard errors: {said}" in optkit("fit", file, "--cluster", "worker", check=0).stdout
+    code, _, err = optkit("fit", file, "--cluster", "boss")
+    assert code == 2
+    assert "has no column 'boss'" in err

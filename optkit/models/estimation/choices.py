@@ -14,7 +14,8 @@ from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choice_sets import ChoiceSets
 from optkit.models.estimation.inputs import numbers
-from optkit.models.rows import Rows, labelled, written
+from optkit.models.estimation.situations import Situations, entries, label, situation_of
+from optkit.models.rows import Rows, written
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class ChoiceData:
         Known part of the index.
     outside : bool
         Whether an outside option of utility 0 is on offer in every situation.
+    situations : Situations
+        Which situation each input row belongs to.
     """
 
     rows: Ints
@@ -46,6 +49,7 @@ class ChoiceData:
     weights: Floats | None
     offset: Floats | None
     outside: bool
+    situations: Situations
 
     @classmethod
     def of(
@@ -66,7 +70,7 @@ class ChoiceData:
         """
         n = len(endog)
         table = rows or Rows(n)
-        codes, labels = situations(groups, table)
+        codes, labels = situation_of(groups, table)
         open_rows = mask_of_rows("available", available, table)
         strange = ~((endog == 0) | (endog == 1))
         if open_rows is not None:
@@ -84,39 +88,16 @@ class ChoiceData:
         chosen = np.full(len(sets), -1)
         hit = np.flatnonzero(endog[used] == 1)
         chosen[sets.situation[hit]] = hit
-        weight = None if weights is None else _weights(per_situation("weights", weights, table, codes, labels), labels)
+        situations = Situations(table, codes, labels, used, kept)
+        weight = None if weights is None else _weights(situations.each("weights", weights), labels[kept])
         known = None if offset is None else finite_column("offset", offset, table, used)
-        return cls(used, sets, labels[kept], chosen, None if weight is None else weight[kept], known, outside)
+        return cls(used, sets, labels[kept], chosen, weight, known, outside, situations)
 
     @property
     def rejections(self) -> float:
         """How many situations chose the outside option, weights counted."""
         rejected = self.chosen < 0
         return float(rejected.sum() if self.weights is None else self.weights[rejected].sum())
-
-
-def situations(groups: Any, rows: Rows) -> tuple[Ints, pd.Index]:
-    """Return the situation of each row, (n,), and the labels in order of first appearance."""
-    shape = getattr(groups, "shape", (rows.n,))
-    if len(shape) != 1:
-        raise InputError(f"groups has shape {shape}; give one label per row")
-    try:
-        # A list goes through a Series: an array of it would make text of the numbers beside text.
-        plain = np.asarray(groups) if hasattr(groups, "__array__") else pd.Series(list(groups))
-        codes, labels = pd.factorize(groups if isinstance(groups, pd.Series | pd.Index) else plain)
-    except TypeError as error:
-        raise InputError(f"groups cannot serve as labels: {error}") from None
-    if len(codes) != rows.n:
-        raise InputError(f"groups has {len(codes)} labels for {rows.n} rows; give one per row")
-    if (codes < 0).any():
-        row = rows.called(int((codes < 0).argmax()))
-        raise InputError(f"groups is missing in {row}; every row belongs to a situation")
-    return codes, pd.Index(labels)
-
-
-def label(labels: pd.Index, place: Any) -> str:
-    """Write the label of a situation as its owner would."""
-    return written(labels[int(place)])
 
 
 def sort_rows(codes: Ints, n_labels: int, available: Bools | None) -> tuple[Ints, ChoiceSets, Bools]:
@@ -137,7 +118,7 @@ def mask_of_rows(name: str, mask: Any, rows: Rows) -> Bools | None:
     """Return a boolean mask over the rows; None where all are True."""
     if mask is None:
         return None
-    array = np.asarray(mask)
+    array = np.asarray(mask) if hasattr(mask, "__array__") else entries(name, mask)
     if array.shape != (rows.n,):
         raise InputError(f"{name} has shape {array.shape}; give True or False for each of the {rows.n} rows")
     if array.dtype.kind != "b":
@@ -169,64 +150,6 @@ def finite_design(exog: Floats, used: Ints, names: Sequence[str], rows: Rows) ->
     row = int(used[place])
     value = f"column {names[column]} is {exog[row, column]} in {rows.called(row)}"
     raise InputError(f"{value}; give finite numbers below 1e100")
-
-
-def per_situation(name: str, given: Any, rows: Rows, codes: Ints, labels: pd.Index) -> npt.NDArray[Any]:
-    """Bring what is given by row, by situation or by a situation's label to one entry per situation, (S,).
-
-    Raises
-    ------
-    InputError
-        If it fits neither the rows nor the situations, fits both but not alike, or differs within a situation.
-    """
-    n, size = len(codes), len(labels)
-    if not labelled(given):
-        array = np.asarray(given) if hasattr(given, "__array__") else _plain(name, given)
-        if array.shape not in ((n,), (size,)):
-            raise InputError(
-                f"{name} has shape {array.shape}; give one per row ({n}) or one per situation in order of "
-                f"appearance ({size})"
-            )
-        return _alike(name, array, codes, labels) if len(array) == n else array
-    if given.ndim != 1:
-        raise InputError(f"{name} has shape {given.shape}; give one column")
-    by_label, by_row = None, None
-    if rows.has(given):
-        by_row = _alike(name, np.asarray(rows.take(name, given)), codes, labels)
-    if by_row is None or n == size:  # labels of n rows are no labels of fewer situations, even if these are among them
-        place = given.index.get_indexer(labels) if given.index.is_unique else np.array([-1])
-        by_label = given.to_numpy()[place] if place.min() >= 0 else None
-    if by_label is not None and by_row is not None and not pd.Series(by_row).equals(pd.Series(by_label)):
-        raise InputError(f"{name} has labels that are those of rows and of situations; give an array of one per row")
-    found = by_label if by_row is None else by_row
-    if found is None:
-        twice = given.index[given.index.duplicated()]
-        unknown = labels[~labels.isin(given.index)]
-        why = (
-            f"has the label {written(twice[0])} twice" if len(twice) else f"has no label {written([*unknown, '?'][0])}"
-        )
-        raise InputError(f"{name} {why}; give one entry per situation, by its label, or one per row")
-    return found
-
-
-def _plain(name: str, given: Any) -> npt.NDArray[Any]:
-    try:
-        array = np.empty(len(given), dtype=object)
-        array[:] = list(given)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} has shape (); give one entry per row or per situation") from None
-    return array
-
-
-def _alike(name: str, by_row: npt.NDArray[Any], codes: Ints, labels: pd.Index) -> npt.NDArray[Any]:
-    """Return one entry per situation of what must be the same in all its rows."""
-    entry, _ = pd.factorize(by_row, use_na_sentinel=True)
-    first = np.empty(len(labels), dtype=np.int64)
-    first[codes[::-1]] = np.arange(len(codes))[::-1]
-    uneven = entry != entry[first][codes]
-    if uneven.any():
-        raise InputError(f"{name} differ within situation {label(labels, codes[uneven.argmax()])}")
-    return by_row[first]
 
 
 def _one_choice(codes: Ints, labels: pd.Index, taken: Ints, outside: bool, table: Rows) -> None:

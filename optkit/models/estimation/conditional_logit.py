@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache, cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +12,13 @@ import pandas as pd
 from statsmodels.base.model import LikelihoodModel
 from threadpoolctl import ThreadpoolController
 
-from optkit.basics.arrays import Floats, is_finite, whole_number
+from optkit.basics.arrays import Floats, flag, number, one_of, whole_number
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choices import (
     ChoiceData,
     finite_column,
     finite_design,
     mask_of_rows,
-    situations,
     sort_rows,
 )
 from optkit.models.estimation.columns import NotIdentifiedError
@@ -27,8 +26,10 @@ from optkit.models.estimation.formulas import Made, UnknownColumnError, prepared
 from optkit.models.estimation.identification import EstimationWarning, IdentificationReport, identification
 from optkit.models.estimation.inputs import coefficients, numbers, penalties_of
 from optkit.models.estimation.likelihood import Likelihood
-from optkit.models.estimation.optimum import covariances, find_optimum
+from optkit.models.estimation.optimum import covariance, find_optimum
 from optkit.models.estimation.results import ConditionalLogitResults, ConditionalLogitResultsWrapper
+from optkit.models.estimation.sandwich import sandwich_of
+from optkit.models.estimation.situations import situation_of
 from optkit.models.rows import Rows, labelled
 
 __all__ = [
@@ -128,18 +129,18 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         weights: Any = None,
         offset: Any = None,
         penalty: float | npt.ArrayLike | Mapping[str, float] = 0.0,
-        missing: Literal["none", "raise"] = "none",
+        missing: str = "none",
         **kwargs: Any,
     ) -> None:
         if groups is None:
             raise InputError("groups is missing; give the label of the situation that each row belongs to")
-        if missing not in ("none", "raise"):
+        if isinstance(missing, str) and missing == "drop":
             raise InputError(
-                f"missing = {missing!r} would change choice sets in silence; drop whole situations, or mark rows as "
-                "not available"
+                "missing = 'drop' would change choice sets in silence; drop whole situations, or mark rows as not "
+                "available"
             )
-        if outside_option not in (True, False):
-            raise InputError(f"outside_option = {outside_option!r} is neither True nor False")
+        one_of("missing", missing, ("none", "raise"))
+        self.outside_option = flag("outside_option", outside_option)
         made: Made | None = kwargs.pop("_made", None)
         if unknown := sorted(set(kwargs) - FROM_FORMULA):
             raise TypeError(f"ConditionalLogit() got an unexpected keyword argument {unknown[0]!r}")
@@ -147,11 +148,11 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         if made is not None:
             endog, exog = made.design(endog, exog)
         x = numbers("exog", exog)
-        if (n := np.shape(x)[0] if np.ndim(x) else 0) != (given := np.size(endog)):
+        y = numbers("endog", endog)
+        if (n := np.shape(x)[0] if np.ndim(x) else 0) != (given := np.size(y)):
             raise InputError(f"endog has {given} entries for the {n} rows of exog; give one per row")
         if not n:
             raise InputError("there are no rows; give at least one situation")
-        y = numbers("endog", endog)
         y = y.iloc[:, 0] if isinstance(y, pd.DataFrame) else y if isinstance(y, pd.Series) else y.ravel()
         # A table of another library has columns, but no labels of rows.
         rows = Rows.of(n, exog=exog, endog=endog, groups=groups, available=available, offset=offset)
@@ -166,8 +167,9 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             super().__init__(y, x, missing="none", hasconst=False, **kwargs)
         except ValueError as error:
             raise InputError(f"statsmodels refuses the data: {' '.join(str(error).split())}") from error
+        self._frame: Any = None if made is None else made.frame
         self.named = isinstance(x, pd.DataFrame) or getattr(x, "name", None) is not None
-        self.groups, self.outside_option = groups, bool(outside_option)
+        self.groups = groups
         self.available, self.weights, self.offset, self.penalty = available, weights, offset, penalty
         self._init_keys += ["groups", "outside_option", "available", "weights", "offset", "penalty"]
         self.k_params = self.exog.shape[1]
@@ -185,7 +187,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             rows=rows,
         )
         finite_design(self.exog, self._choices.rows, self.column_names, rows)
-        self._data_attr += ["groups", "available", "weights", "offset", "_choices", "likelihood"]
+        self._data_attr += ["groups", "available", "weights", "offset", "_frame", "_choices", "likelihood"]
         self.nobs = self.likelihood.total
         self.df_model = float(self.k_params)
         self.df_resid = self.nobs - self.df_model
@@ -217,8 +219,12 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             Index labels, or a boolean mask, of the rows to use.
         drop_cols : list of str, optional
             Columns to leave out of the design.
-        groups, outside_option, **kwargs
-            As for the class; what has labels is matched with those of ``data``.
+        groups : (n,) array_like or str
+            Situation of each row. What has labels is matched with those of ``data``.
+        outside_option : bool
+            Whether every situation also offers an option of utility 0.
+        **kwargs
+            As for the class.
 
         Returns
         -------
@@ -236,6 +242,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         depth = kwargs.pop("eval_env", None)
         if depth is None or (isinstance(depth, int) and depth >= 0):
             depth = 2 if depth is None else depth + 1
+        flag("outside_option", outside_option)
         made, table, given = prepared(formula, data, subset, drop_cols, given, outside_option, depth)
         kwargs = {"missing": "raise"} | kwargs | given | {"outside_option": outside_option, "eval_env": depth}
         # With an intercept, which is then left out, categories are coded against a base.
@@ -248,7 +255,8 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
                 if way is ways[-1]:
                     raise
             except Exception as error:
-                raise translated(error, formula, table) from error
+                rows = Rows(len(made.labels), made.labels)
+                raise translated(error, formula, table, rows, made.used) from error
         model.formula = formula
         return model
 
@@ -317,7 +325,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             if groups is None:
                 raise InputError("groups is missing; give the label of the situation that each row belongs to")
             rows = Rows.of(len(x), exog=exog, groups=groups, available=available, offset=offset)
-            codes, labels = situations(rows.take("groups", groups), rows)
+            codes, labels = situation_of(rows.take("groups", groups), rows)
             open_rows = mask_of_rows("available", rows.take("available", available), rows)
             used, sets, _ = sort_rows(codes, len(labels), open_rows)
             finite_design(x, used, self.column_names, rows)
@@ -332,6 +340,7 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         start_params: npt.ArrayLike | None = None,
         *,
         cov_type: str = "nonrobust",
+        cov_kwds: Mapping[str, Any] | None = None,
         maxiter: int = 100,
         tol: float = 1e-10,
         disp: bool = False,
@@ -342,9 +351,15 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         ----------
         start_params : (k,) array_like, optional
             First guess; zeros by default. The objective is concave: it matters for speed alone.
-        cov_type : {"nonrobust", "HC0", "robust"}
-            Inverse Fisher information, or the sandwich with the situations as observations ("robust" is "HC0"). With
-            a penalty the information of the penalty is added: the standard errors are conditional on it.
+        cov_type : {"nonrobust", "HC0", "robust", "cluster"}
+            Inverse Fisher information, or the sandwich with the situations as observations ("robust" is "HC0"), or
+            with clusters of them, such as all choices of one worker. With a penalty the information of the penalty is
+            added: the standard errors are conditional on it.
+        cov_kwds : dict, optional
+            For "cluster": ``groups``, the cluster of each row, or of each situation as ``weights`` are given, or for a
+            model from a formula the name of a column; and ``use_correction`` (default True), whether to multiply the
+            covariance by ``G / (G - 1) * (N - 1) / (N - k)`` as statsmodels and Stata do, with G clusters, N situations
+            (weights counted) and k coefficients.
         maxiter : int
             Largest number of Newton steps.
         tol : float
@@ -363,24 +378,23 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             A DataError: if a column never varies within a set, columns are collinear, or the choices are separated,
             and no penalty settles it.
         InputError
-            If the first guess does not fit, or ``cov_type`` is unknown.
+            If the first guess does not fit, ``cov_type`` is unknown, or a situation has two clusters or none.
 
         Warns
         -----
         EstimationWarning
-            If situations carry no information, are few, never (or always) end in a rejection, or leave a coefficient
-            to the penalty alone.
+            If situations carry no information, they or clusters are few, never (or always) end in a rejection, or
+            leave a coefficient to the penalty alone.
         ConvergenceWarning
             If the search ended before the tolerance was met.
         """
-        if cov_type not in ("nonrobust", "HC0", "robust"):
-            raise InputError(f"cov_type = {cov_type!r} is unknown; it is 'nonrobust', 'HC0' or 'robust'")
-        if whole_number("maxiter", maxiter) < 0:
-            raise InputError(f"maxiter = {maxiter} is negative; give the largest number of Newton steps")
-        if not (is_finite(tol) and tol >= 0):
-            raise InputError(f"tol = {tol} is not a number of at least 0; give a distance in standard errors")
+        one_of("cov_type", cov_type, ("nonrobust", "HC0", "robust", "cluster"))
+        whole_number("maxiter", maxiter, least=0)
+        number("tol", tol, least=0.0)
+        flag("disp", disp)
         k, likelihood = self.k_params, self.likelihood
         start = np.zeros(k) if start_params is None else coefficients("start_params", start_params, self.column_names)
+        sandwich = sandwich_of(cov_type, cov_kwds, self._choices, likelihood, self._frame)
         # The matrices are tall and thin: a second BLAS thread costs two to three times what it saves.
         with _blas().limit(limits=1, user_api="blas"):
             optimum = find_optimum(
@@ -395,5 +409,5 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
         if disp:
             ended = "Optimization terminated successfully" if optimum.converged else "Optimization did not converge"
             print(f"{ended}: log-likelihood {optimum.value:.6f}, {optimum.iterations} Newton steps")
-        covariance, robust = covariances(likelihood, self.penalties, optimum, cov_type != "nonrobust")
-        return ConditionalLogitResultsWrapper(ConditionalLogitResults(self, optimum, covariance, robust))
+        inverse = covariance(self.penalties, optimum)
+        return ConditionalLogitResultsWrapper(ConditionalLogitResults(self, optimum, inverse, sandwich))

@@ -38,12 +38,15 @@ class Made:
         Those of the rows that the formula was evaluated on: the available ones.
     dropped : tuple of str
         Columns that are left out.
+    frame : pandas.DataFrame
+        All rows of the data.
     """
 
     columns: dict[str, str]
     labels: Any
     used: Ints
     dropped: tuple[str, ...]
+    frame: pd.DataFrame
 
     def design(self, endog: Any, exog: pd.DataFrame) -> tuple[Any, pd.DataFrame]:
         """Return choices and columns of all rows; those that are not available are not chosen, and hold NaN."""
@@ -90,9 +93,9 @@ def prepared(
     table = _plain(data.iloc[used])
     if left in table and table[left].dtype == bool:  # a formula would make two columns of it
         table = table.assign(**{left: table[left].astype(float)})
-    dropped = [drop_cols] if isinstance(drop_cols, str) else list(drop_cols if drop_cols is not None else [])
+    dropped = [] if drop_cols is None else [drop_cols] if isinstance(drop_cols, str) else _names(drop_cols)
     dropped += [] if outside else [INTERCEPT]
-    return Made(columns, data.index, used, tuple(dropped)), table, given
+    return Made(columns, data.index, used, tuple(dropped), data), table, given
 
 
 def column_of(data: pd.DataFrame, key: str, column: str, name: str = "the data") -> pd.Series:
@@ -112,7 +115,7 @@ def evaluated(results: Any, data: Any, used: Ints) -> np.ndarray[Any, Any]:
     """
     # Places instead of labels: a row with a missing value is left out, and found again by its place.
     table = _plain(data.iloc[used]).reset_index(drop=True)
-    model = results.model
+    model, rows = results.model, Rows(len(data), data.index)
     x = np.full((len(data), model.k_params), np.nan)
     if not len(used):
         return x
@@ -125,12 +128,12 @@ def evaluated(results: Any, data: Any, used: Ints) -> np.ndarray[Any, Any]:
                 fitted = getattr(model.data, "frame", table)  # gone after remove_data
                 if _is_number(fitted[column]) and not _is_number(table[column]):
                     raise InputError(f"column {column} of exog does not hold numbers, as it did in the fit") from None
-            raise translated(error, model.formula, table, "exog") from error
+            raise translated(error, model.formula, table, rows, used, "exog") from error
     if gone := np.flatnonzero(np.isnan(full).any(axis=1)).tolist():
         for column in _variables(model.formula, table):
             if pd.isna(table[column].iloc[gone[0]]):
-                where = Rows(len(data), data.index).called(int(used[gone[0]]))
-                raise InputError(f"column {column} of exog is missing in {where}")
+                where = rows.called(int(used[gone[0]]))
+                raise InputError(f"the formula does not fit exog: column {column} is missing in {where}")
     for one in told:
         if "categories outside" in str(one.message):  # one of the engines makes zeros of them, with a warning
             raise InputError(f"the formula does not fit exog: {' '.join(str(one.message).split())}")
@@ -140,21 +143,29 @@ def evaluated(results: Any, data: Any, used: Ints) -> np.ndarray[Any, Any]:
     return x
 
 
-def translated(error: Exception, formula: Any, data: pd.DataFrame, name: str = "the data") -> Exception:
-    """Return what to raise for an error of the engine of formulas."""
+def translated(
+    error: Exception, formula: Any, table: pd.DataFrame, rows: Rows, used: Ints, name: str = "the data"
+) -> Exception:
+    """Return what to raise for an error of the engine of formulas over the ``used`` rows."""
     if isinstance(error, OptkitError | MemoryError | RecursionError):
         return error
     words = " ".join((getattr(error, "message", None) or str(error)).split("error message returned by")[-1].split())
     words = re.sub(r"^(patsy|formulaic) is: ", "", words)
-    if "missing" in words.lower() or "nan" in words.lower():
-        for column in _variables(formula, data):
-            gone = np.flatnonzero(data[column].isna()).tolist()
-            if gone:
-                where = Rows(len(data), data.index).called(gone[0])
+    if re.search("missing|null|nan", words.lower()):
+        for column in _variables(formula, table):
+            if gone := np.flatnonzero(table[column].isna()).tolist():
+                where = rows.called(int(used[gone[0]]))
                 return InputError(f"the formula does not fit {name}: column {column} is missing in {where}")
     origin = getattr(error, "origin", None)  # where patsy puts the variable in question
     where = f" ({origin.relevant_code()})" if origin is not None else ""
     return InputError(f"the formula does not fit {name}{where}: {words}")
+
+
+def _names(drop_cols: Any) -> list[str]:
+    try:
+        return [str(name) for name in drop_cols]
+    except TypeError:
+        raise InputError(f"drop_cols is a {type(drop_cols).__name__}; give a list of names of columns") from None
 
 
 def _variables(formula: Any, data: pd.DataFrame) -> list[Any]:
@@ -170,7 +181,7 @@ def _places(data: pd.DataFrame, subset: Any) -> Ints:
     try:
         subset = subset(data) if callable(subset) else subset
         found = pd.Series(np.arange(len(data)), index=data.index).loc[subset]
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, NotImplementedError, pd.errors.IndexingError) as error:
         raise InputError(f"subset does not fit the data: {' '.join(str(error).split())}") from None
     return np.atleast_1d(np.asarray(found))
 

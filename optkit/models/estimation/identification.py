@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from optkit.basics.arrays import Floats
+from optkit.basics.errors import InputError
 from optkit.models.estimation.columns import (
     NotIdentifiedError,
     check_columns,
@@ -104,6 +105,8 @@ def identification(fitted: Any) -> IdentificationReport:
     ('not identified', {'level': 1.0, 'pay': 0.0}, 'no situation chose the outside option')
     """
     model = getattr(fitted, "model", fitted)
+    if not hasattr(model, "likelihood"):
+        raise InputError(f"{type(fitted).__name__} is no model; give a ConditionalLogit or what its fit returned")
     likelihood, names = model.likelihood, model.column_names
     problem: NotIdentifiedError | None = None
     share, terms = likelihood.equal_shares()

@@ -11,7 +11,7 @@ import pandas as pd
 from optkit.basics.arrays import Floats, real
 from optkit.basics.errors import InputError
 from optkit.models.frames import frame_of
-from optkit.models.rows import labelled
+from optkit.models.rows import labelled, written
 
 REMEDY = "give floats; effects of categories, one each, are C(...) in from_formula"
 
@@ -48,16 +48,19 @@ def _floats(name: str, column: Any) -> Any:
         try:
             values = real("", column.where(column.notna(), None).to_numpy(), accept="any", flags=True)
         except InputError:
-            row = next(i for i, value in enumerate(column) if not _number(value))
-            raise InputError(f"{name} does not hold numbers ({column.iloc[row]!r} in row {row}); {REMEDY}") from None
+            row = next((i for i, value in enumerate(column) if not _number(value)), 0)
+            shown = written(column.iloc[row])
+            raise InputError(f"{name} does not hold numbers ({shown} in row {row}); {REMEDY}") from None
     else:
         raise InputError(f"{name} does not hold numbers ({kind}); {REMEDY}")
     return pd.Series(values, index=column.index, name=column.name)
 
 
 def _number(value: Any) -> bool:
+    one = np.empty(1, dtype=object)
+    one[0] = value
     try:
-        real("", [value], accept="any", flags=True)
+        real("", one, accept="any", flags=True)
     except InputError:
         return False
     return True

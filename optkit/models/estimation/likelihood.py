@@ -68,12 +68,7 @@ class Likelihood:
     def of(cls, data: ChoiceData, exog: Floats) -> Likelihood:
         """Take the differences; ``exog`` is (n, k) over the input rows of ``data``."""
         sets, inside = data.sets, data.chosen >= 0
-        rival = np.ones(len(data.rows), bool)
-        if not data.outside:
-            rival[data.chosen] = False
-        if data.weights is not None:
-            rival &= (data.weights > 0)[sets.situation]
-        place = np.flatnonzero(rival)
+        place = np.flatnonzero(_rivals(data))
         situation = sets.situation[place]
 
         def choices(x: Floats) -> Floats:
@@ -95,7 +90,7 @@ class Likelihood:
             full[data.rows] = data.offset
             offset = differences(full, choices(full))
         sizes = np.bincount(situation, minlength=len(sets))
-        kept = sizes > 0
+        kept = informative(data)
         chosen = choices(exog)
         return cls(
             sets=ChoiceSets.of_sizes(sizes[kept]),
@@ -164,6 +159,18 @@ def _resolved(information: Floats, moment: Floats) -> bool:
     # It has a Cholesky factor if every eigenvalue is positive; faster than to compute them. NaN has one of NaN.
     factor, failed = dpotrf(scaled)
     return bool(not failed and np.isfinite(factor[-1, -1]))
+
+
+def informative(data: ChoiceData) -> Bools:
+    """Return which of the situations carry information, (S,): those with a rival to the choice, and a weight."""
+    return np.bincount(data.sets.situation[_rivals(data)], minlength=len(data.sets)) > 0
+
+
+def _rivals(data: ChoiceData) -> Bools:
+    rival = np.ones(len(data.rows), bool)
+    if not data.outside:
+        rival[data.chosen] = False
+    return rival if data.weights is None else rival & (data.weights > 0)[data.sets.situation]
 
 
 def _seen(data: ChoiceData) -> Bools:

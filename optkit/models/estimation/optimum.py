@@ -99,12 +99,8 @@ def find_optimum(
     return optimum
 
 
-def covariances(
-    likelihood: Likelihood, penalties: Floats, optimum: Optimum, robust: bool
-) -> tuple[Floats, Floats | None]:
-    """Return the inverse information, the penalty's included, and, if ``robust``, the sandwich with it; (k, k).
-
-    The sandwich takes each situation as one observation (HC0), or as many as its weight says.
+def covariance(penalties: Floats, optimum: Optimum) -> Floats:
+    """Return the inverse information, the penalty's included, (k, k).
 
     Raises
     ------
@@ -117,11 +113,7 @@ def covariances(
             f"the search was cut short after {optimum.iterations} steps, where the likelihood is flat and has no "
             "standard errors; raise maxiter"
         )
-    if not robust:
-        return inverse, None
-    scores = likelihood.scores(optimum.share)
-    meat = scores.T @ (scores if likelihood.weights is None else scores * likelihood.weights[:, None])
-    return inverse, inverse @ meat @ inverse
+    return inverse
 
 
 def _inverse(precision: Floats) -> Floats | None:

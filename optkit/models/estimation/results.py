@@ -19,6 +19,7 @@ from optkit.models.estimation.formulas import column_of, evaluated
 from optkit.models.estimation.identification import IdentificationReport, identification
 from optkit.models.estimation.inputs import numbers
 from optkit.models.estimation.newton import Optimum
+from optkit.models.estimation.sandwich import Sandwich
 from optkit.models.frames import frame_of
 from optkit.models.rows import Rows, labelled
 
@@ -46,11 +47,13 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         Situations that carry information, weights counted.
     converged : bool
         Whether the search met its tolerance.
+    cov_type, cov_kwds : str, dict
+        How the standard errors were made; ``cov_kwds["description"]`` says it in words.
     mle_retvals : dict
         ``iterations``, ``converged`` and ``decrement`` (distance to the maximum in standard errors).
     """
 
-    def __init__(self, model: Any, optimum: Optimum, covariance: Floats, robust: Floats | None) -> None:
+    def __init__(self, model: Any, optimum: Optimum, covariance: Floats, sandwich: Sandwich | None) -> None:
         super().__init__(model, optimum.params, normalized_cov_params=covariance, scale=1.0)
         self._llf, self.converged = optimum.value, optimum.converged
         self.nobs, self.df_model, self.df_resid = model.nobs, model.df_model, model.df_resid
@@ -61,10 +64,13 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
             "converged": optimum.converged,
             "decrement": optimum.decrement,
         }
-        self.cov_type, self.cov_kwds = "nonrobust", {"description": "Inverse of the Fisher information."}
-        if robust is not None:
-            self.cov_params_default = robust
-            self.cov_type, self.cov_kwds = "HC0", {"description": "Sandwich, with the situations as observations."}
+        self.cov_type = "nonrobust"
+        self.cov_kwds: dict[str, Any] = {"description": "Inverse of the Fisher information."}
+        if sandwich is not None:
+            self.cov_params_default = sandwich.covariance(model.likelihood, covariance, optimum.share)
+            self.cov_type, self.cov_kwds = sandwich.cov_type, {"description": sandwich.description}
+            if sandwich.cov_type == "cluster":
+                self.cov_kwds |= {"use_correction": sandwich.use_correction, "n_groups": sandwich.n_clusters}
 
     @property
     def llf(self) -> float:
@@ -188,6 +194,8 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         array = np.asarray(numbers("exog", x))
         if array.ndim == 1:
             array = array[:, None] if len(names) == 1 else array[None, :]
+        if array.ndim != 2:
+            raise InputError(f"exog has shape {array.shape}; give one column for each of {', '.join(names)}")
         return array
 
     def summary(
@@ -233,6 +241,8 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         table.add_table_params(self, yname=yname, xname=xname, alpha=alpha, use_t=self.use_t)
         null = "equal shares of all alternatives" if model.offset is None else "shares by the offset alone"
         notes = [f"LL-Null: {null} (coefficients of 0)."]
+        if self.cov_type != "nonrobust":
+            notes.append(f"Standard errors: {self.cov_kwds['description']}")
         if model.penalties.any():
             notes.append("Penalised: estimates are shrunk; standard errors are conditional on the penalty.")
         if not self.converged:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, flag, number, one_of
 from optkit.basics.errors import DataError, InputError
 from optkit.models.estimation import ConditionalLogit, EstimationWarning, NotIdentifiedError
 from optkit.models.preferences.attributes import Attributes
@@ -46,7 +46,8 @@ def fit_preferences(
     scale_penalty : float
         L2 penalty of 1/mu alone, as in the paper.
     robust : bool
-        Sandwich covariance with situations as observations.
+        Sandwich covariance with situations as observations. Offers that name clusters have it with these, and
+        corrected for few of them, whether asked for or not.
     attributes : Attributes, optional
         What x consists of; by default the features, pick-ups and drop-offs that the offers name.
 
@@ -73,10 +74,15 @@ def fit_preferences(
     >>> fit_preferences(log).table().query("parameter == 'mu'")["estimate"].between(0.8, 1.2).tolist()
     [True]
     """
-    if not (ridge >= 0 and scale_penalty >= 0):
-        raise InputError(f"penalties must be at least 0; ridge = {ridge}, scale_penalty = {scale_penalty}")
-    if method not in ("choice", "accept-reject"):
-        raise InputError(f"method = {method!r} is unknown; it is 'choice' or 'accept-reject'")
+    if not isinstance(offers, Offers):
+        raise InputError(f"offers is a {type(offers).__name__}; Offers.from_frame makes offers of a table")
+    number("ridge", ridge, least=0.0)
+    number("scale_penalty", scale_penalty, least=0.0)
+    one_of("method", method, ("choice", "accept-reject"))
+    flag("pooled", pooled)
+    flag("robust", robust)
+    if not isinstance(attributes, Attributes | None):
+        raise InputError(f"attributes is a {type(attributes).__name__}; give Attributes")
     if not len(offers):
         raise DataError("there are no offers to learn from")
     if attributes is None:
@@ -94,7 +100,8 @@ def fit_preferences(
         label = "all groups" if pooled else f"group {g}"
         if not own.any():
             raise DataError(f"{label} was offered nothing: collect offers to it, or number the groups without a gap")
-        fitted = _fit(label, offers.chosen[own], design[own], situation[own], penalty, robust)
+        clusters = None if offers.cluster is None else offers.cluster[own]
+        fitted = _fit(label, offers.chosen[own], design[own], situation[own], penalty, robust, clusters)
         a, b = np.asarray(fitted.params)[:-1], float(np.asarray(fitted.params)[-1])
         if b <= 0:
             error = float(np.asarray(fitted.bse)[-1])
@@ -112,13 +119,24 @@ def fit_preferences(
     )
 
 
-def _fit(label: str, chosen: Any, design: pd.DataFrame, situation: Any, penalty: dict[str, float], robust: bool) -> Any:
+def _fit(
+    label: str,
+    chosen: Any,
+    design: pd.DataFrame,
+    situation: Any,
+    penalty: dict[str, float],
+    robust: bool,
+    clusters: Any,
+) -> Any:
     """Fit one model; errors and warnings say which group they are about."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             model = ConditionalLogit(chosen, design, situation, outside_option=True, penalty=penalty)
-            fitted = model.fit(cov_type="HC0" if robust else "nonrobust")
+            if clusters is None:
+                fitted = model.fit(cov_type="HC0" if robust else "nonrobust")
+            else:
+                fitted = model.fit(cov_type="cluster", cov_kwds={"groups": clusters})
         except NotIdentifiedError as error:
             remedy = str(error).replace("give penalty=", "give a ridge penalty")
             raise NotIdentifiedError(f"{label}: {remedy}", error.direction) from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+from collections import Counter
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -59,11 +60,13 @@ class Offers:
         Whether the worker took the request: at most one row of a situation, none if the worker rejected all.
     names : tuple of str
         Names of the features.
+    cluster : (m,) int, optional
+        Which decisions may depend on each other, such as all of one worker: the same for all rows of a situation.
 
     Raises
     ------
     DataError
-        If a column is not made of finite numbers, a situation has two choices or two groups, or lengths differ.
+        If a column is not made of finite numbers, a situation has two choices, groups or clusters, or lengths differ.
     """
 
     situation: Ints
@@ -74,15 +77,17 @@ class Offers:
     compensation: Floats
     chosen: Ints
     names: tuple[str, ...] = ()
+    cluster: Ints | None = None
 
     def __post_init__(self) -> None:
         try:
             m = count("situation", self.situation)
             given = {name: getattr(self, name) for name in _COLUMNS}
+            given |= {} if self.cluster is None else {"cluster": self.cluster}
             rows = Rows.of(m, **given)
             for name, column in given.items():
                 object.__setattr__(self, name, rows.take(name, column))
-            for name in _WHOLE:
+            for name in (*_WHOLE, *([] if self.cluster is None else ["cluster"])):
                 object.__setattr__(self, name, ints(name, getattr(self, name), (m,)))
             chosen = floats("chosen", self.chosen, (m,), flags=True)
             object.__setattr__(self, "chosen", ints("chosen", chosen, (m,)))
@@ -90,11 +95,14 @@ class Offers:
             object.__setattr__(self, "compensation", floats("compensation", self.compensation, (m,)))
         except InputError as error:
             raise DataError(f"offers: {error}") from None
-        names = self.names or tuple(f"feature_{f}" for f in range(self.features.shape[1]))
+        given_names: Any = self.names
+        if not isinstance(given_names, tuple | list):
+            raise DataError(f"offers: names is a {type(given_names).__name__}; give a tuple of text")
+        names = tuple(map(str, self.names)) or tuple(f"feature_{f}" for f in range(self.features.shape[1]))
         if len(names) != self.features.shape[1]:
             raise DataError(f"offers: {len(names)} names for {self.features.shape[1]} features")
         object.__setattr__(self, "names", tuple(names))
-        taken_names = {*_WHOLE, "compensation", "chosen", "constant", "mu"}
+        taken_names = {*_WHOLE, "compensation", "chosen", "constant", "mu", "cluster"}
         for at, name in enumerate(names):
             if name in taken_names or name in names[:at] or re.fullmatch(r"(pickup|dropoff)_\d+", name):
                 raise DataError(f"offers: a feature cannot be called {name!r}: the name is taken; rename the column")
@@ -116,11 +124,17 @@ class Offers:
         taken = np.bincount(place, self.chosen)
         if (taken > 1).any():
             raise _SituationError(int(label[taken.argmax()]), f"has {int(taken.max())} choices; a worker takes one")
-        one = np.zeros(label.size, np.int64)
-        one[place] = self.group
-        if (one[place] != self.group).any():
-            i = int((one[place] != self.group).argmax())
-            raise _SituationError(int(self.situation[i]), "has workers of two groups; it shows one worker")
+        for column, what in (
+            (self.group, "workers of two groups; it shows one worker"),
+            (self.cluster, "two clusters"),
+        ):
+            if column is None:
+                continue
+            one = np.zeros(label.size, np.int64)
+            one[place] = column
+            if (one[place] != column).any():
+                i = int((one[place] != column).argmax())
+                raise _SituationError(int(self.situation[i]), f"has {what}")
 
     def __len__(self) -> int:
         return self.situation.size
@@ -137,29 +151,29 @@ class Offers:
 
     def take(self, rows: Any) -> Offers:
         """Return some of the rows, by mask or by index."""
-        return Offers(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=self.names)
+        cluster = None if self.cluster is None else self.cluster[rows]
+        return Offers(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=self.names, cluster=cluster)
 
     @classmethod
     def join(cls, parts: Sequence[Offers]) -> Offers:
-        """Put logs together; situations are numbered anew, so that none of two logs are mixed up.
+        """Put logs together; situations and clusters are numbered anew, so that none of two logs are mixed up.
 
         Raises
         ------
         InputError
-            If there are no logs, or their features differ.
+            If there are no logs, their features differ, or some have clusters and some have none.
         """
         if not parts:
             raise InputError("there are no offers to join")
         if len({part.names for part in parts}) > 1:
             raise InputError(f"logs with different features cannot be joined: {sorted({part.names for part in parts})}")
-        numbered, first = [], 0
-        for part in parts:
-            label, place = np.unique(part.situation, return_inverse=True)
-            numbered.append(place + first)
-            first += label.size
+        clusters = [part.cluster for part in parts if part.cluster is not None]
+        if len(clusters) not in (0, len(parts)):
+            raise InputError("logs with clusters and logs without cannot be joined")
         columns = ("group", "features", "pickup", "dropoff", "compensation", "chosen")
         joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
-        return cls(situation=np.concatenate(numbered), **joined, names=parts[0].names)
+        situation, cluster = _apart([part.situation for part in parts]), _apart(clusters) if clusters else None
+        return cls(situation=situation, **joined, names=parts[0].names, cluster=cluster)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the log as a table, one row per request shown."""
@@ -168,10 +182,12 @@ class Offers:
         left = pd.DataFrame({name: getattr(self, name) for name in _WHOLE})
         features = pd.DataFrame(self.features, columns=list(self.names))
         right = pd.DataFrame({"compensation": self.compensation, "chosen": self.chosen})
+        if self.cluster is not None:
+            right["cluster"] = self.cluster
         return pd.concat([left, features, right], axis=1)
 
     @classmethod
-    def from_frame(cls, frame: Any, features: Sequence[str] | None = None) -> Offers:
+    def from_frame(cls, frame: Any, features: Sequence[str] | None = None, cluster: str | None = None) -> Offers:
         """Build a log from a table.
 
         Parameters
@@ -181,6 +197,8 @@ class Offers:
             ``group``, ``pickup`` and ``dropoff`` are 0 if they are missing.
         features : sequence of str, optional
             The columns that are features; all that have no other role by default.
+        cluster : str, optional
+            The column that says which decisions may depend on each other, such as the worker.
 
         Raises
         ------
@@ -201,11 +219,17 @@ class Offers:
         double = frame.columns[frame.columns.duplicated()]
         if len(double):
             raise DataError(f"the offers have the column {double[0]!r} twice; leave one")
+        try:
+            features = None if features is None else list(features)
+            set(features or ())
+        except TypeError:
+            raise DataError("features are no list of names of columns") from None
         index = [n for n in frame.index.names if n not in frame and (n in _ROLES or n in (features or ()))]
         if index:
             frame = frame.reset_index(level=index)
-        chosen = _features(list(frame.columns), features)
-        missing = [c for c in ("situation", "compensation", "chosen", *chosen) if c not in frame]
+        chosen = _features(list(frame.columns), features, cluster)
+        wanted = ("situation", "compensation", "chosen", *chosen, *([] if cluster is None else [cluster]))
+        missing = [c for c in wanted if c not in frame]
         if missing:
             have = ", ".join(map(str, frame.columns))
             raise DataError(f"the offers have no column {', '.join(map(repr, missing))}; they have {have}")
@@ -219,19 +243,19 @@ class Offers:
                 matrix[:, f] = floats(str(name), frame[name].to_numpy(), (len(frame),), flags=True)
             except InputError as error:
                 raise DataError(f"offers: {error}") from None
-        labels = frame["situation"].tolist()
-        _check_labels(labels, frame["situation"].isna().to_numpy())
+        labels = _labels("situation", frame["situation"])
+        if cluster is not None:
+            columns["cluster"] = _codes(_labels(cluster, frame[cluster]))[0]
         return cls._labelled(labels, features=matrix, names=tuple(map(str, chosen)), **columns)
 
     @classmethod
     def _labelled(cls, labels: Sequence[Any], **columns: Any) -> Offers:
         """Build a log whose situations are called by labels, which errors name."""
-        number: dict[Any, int] = {}
-        code = np.array([number.setdefault(label, len(number)) for label in labels], dtype=np.int64)
+        code, number = _codes(labels)
         try:
             return cls(situation=code, **columns)
         except _SituationError as error:
-            raise _SituationError(list(number)[error.situation], error.what) from None
+            raise _SituationError(number[error.situation], error.what) from None
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the log to a parquet file, whole or not at all; situations are read back as 0, 1, ... in their order.
@@ -248,7 +272,8 @@ class Offers:
         if not target.name:
             raise InputError(f"{str(path)!r} names no file to write the offers to")
         table = pa.Table.from_pandas(self.to_frame(), preserve_index=False)
-        table = table.replace_schema_metadata({"optkit-offers": str(SCHEMA)})
+        marks = {} if self.cluster is None else {"optkit-cluster": "cluster"}
+        table = table.replace_schema_metadata({"optkit-offers": str(SCHEMA)} | marks)
         # This package knows nothing of the disk (optkit.basics.files does the same for all others).
         staging = target.with_name(f".optkit-{os.getpid()}-{secrets.token_hex(4)}.tmp")
         try:
@@ -264,7 +289,9 @@ class Offers:
         return target
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], features: Sequence[str] | None = None) -> Offers:
+    def load(
+        cls, path: str | os.PathLike[str], features: Sequence[str] | None = None, cluster: str | None = None
+    ) -> Offers:
         """Read a log from parquet, as :meth:`save` writes it, or from a user's own parquet, CSV or JSON.
 
         Labels of situations are text: ``007``, ``7`` and ``7.0`` are three. Of what pandas calls the index of a parquet
@@ -280,16 +307,20 @@ class Offers:
             schema = table.marks.get("optkit-offers", "0")
             if not schema.isdecimal() or int(schema) > SCHEMA:
                 raise DataError(f"{path} was written by a newer optkit (schema {schema}): upgrade optkit")
+            cluster = cluster or table.marks.get("optkit-cluster")
             try:
-                chosen = _features([name for name in table.names if name not in table.index], features)
+                chosen = _features([name for name in table.names if name not in table.index], features, cluster)
             except DataError as error:
                 raise DataError(f"{path}: {error}") from None
-            table.need("situation", "compensation", "chosen", *chosen)
+            more = {} if cluster is None or cluster == "situation" else {cluster: "labels"}
+            table.need("situation", "compensation", "chosen", *chosen, *more)
             wanted = {name: kind for name, kind in _ROLES.items() if name in table.names}
-            columns = table.columns(wanted | dict.fromkeys(chosen, "numbers"))
+            columns = table.columns(wanted | dict.fromkeys(chosen, "numbers") | more)
             rows = table.rows
         matrix = np.column_stack([columns.pop(name) for name in chosen]) if chosen else np.empty((rows, 0))
         labels = columns.pop("situation").tolist()
+        if cluster is not None:
+            columns["cluster"] = _codes(columns.pop(cluster).tolist() if more else labels)[0]
         zeros = {name: np.zeros(rows, int) for name in ("group", "pickup", "dropoff") if name not in columns}
         try:
             return cls._labelled(labels, features=matrix, names=tuple(chosen), **zeros, **columns)
@@ -305,25 +336,47 @@ class _SituationError(DataError):
         self.situation, self.what = situation, what
 
 
-def _features(names: list[Any], features: Sequence[str] | None) -> list[Any]:
+def _features(names: list[Any], features: Sequence[str] | None, cluster: str | None) -> list[Any]:
     """Return which columns are features: those asked for, or all that have no other role."""
-    chosen = [name for name in names if name not in _ROLES] if features is None else list(features)
+    if cluster in _ROLES and cluster != "situation":
+        raise DataError(f"{cluster!r} cannot be the cluster: the column has another role")
+    chosen = [n for n in names if n not in _ROLES and n != cluster] if features is None else list(features)
     if any(not str(name).strip() or str(name).startswith("Unnamed:") for name in chosen):
         raise DataError("the offers have a column without a name (a row number?): drop it, or name the features")
-    double = {name for name in chosen if chosen.count(name) > 1 or name in _ROLES}
+    double = {name for name, times in Counter(chosen).items() if times > 1 or name in _ROLES or name == cluster}
     if features is not None and double:
         raise DataError(f"{min(map(repr, double))} is asked for as a feature twice, or has another role")
     return chosen
 
 
-def _check_labels(labels: list[Any], empty: Any) -> None:
-    """Refuse labels of which nobody can say whether two are the same: empty ones, text beside numbers, lists."""
+def _apart(columns: Sequence[Ints]) -> Ints:
+    """Number the entries of columns so that no two columns have one in common."""
+    numbered, first = [], 0
+    for column in columns:
+        label, place = np.unique(column, return_inverse=True)
+        numbered.append(place + first)
+        first += label.size
+    return np.concatenate(numbered)
+
+
+def _codes(labels: Sequence[Any]) -> tuple[Ints, list[Any]]:
+    """Number labels in order of first appearance; return the number of each, and the labels."""
+    number: dict[Any, int] = {}
+    code = np.array([number.setdefault(label, len(number)) for label in labels], dtype=np.int64)
+    return code, list(number)
+
+
+def _labels(name: str, column: Any) -> list[Any]:
+    """Return labels, but none of which nobody can say whether two are the same: empty, text beside numbers, lists."""
+    labels: list[Any] = column.tolist()
+    empty = column.isna().to_numpy()
     for i, label in enumerate(labels):
         if empty[i] or (isinstance(label, str) and not label.strip()):
-            raise DataError(f"offers: situation in row {i} is empty")
+            raise DataError(f"offers: {name} in row {i} is empty")
         if not isinstance(label, Hashable):
-            raise DataError(f"offers: situation in row {i} is a {type(label).__name__}, neither text nor a number")
+            raise DataError(f"offers: {name} in row {i} is a {type(label).__name__}, neither text nor a number")
         for kind in (str, bool):
             if isinstance(label, kind) != isinstance(labels[0], kind):
                 both = f"{labels[0]!r} in row 0 and {label!r} in row {i}"
-                raise DataError(f"offers: situation is {both}: make all of them text (dtype=str)")
+                raise DataError(f"offers: {name} is {both}: make all of them text (dtype=str)")
+    return labels

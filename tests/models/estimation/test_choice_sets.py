@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optkit.models.estimation.choices import ChoiceSets, situations, sort_rows
+from optkit.models.estimation.choices import ChoiceSets, sort_rows
+from optkit.models.estimation.situations import situation_of
 from optkit.models.rows import Rows
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -50,7 +51,7 @@ def test_a_small_share_beside_the_outside_option_keeps_its_digits():
 
 
 def test_rows_of_a_situation_are_brought_together_in_their_own_order():
-    codes, labels = situations(["b", "a", "b", "c", "a"], Rows(5))
+    codes, labels = situation_of(["b", "a", "b", "c", "a"], Rows(5))
     assert list(labels) == ["b", "a", "c"]
     rows, sets, kept = sort_rows(codes, 3, np.array([True, True, True, False, True]))
     assert rows.tolist() == [0, 2, 1, 4]
@@ -61,8 +62,8 @@ def test_rows_of_a_situation_are_brought_together_in_their_own_order():
 @pytest.mark.parametrize("form", [list, tuple, np.array])
 def test_labels_may_be_anything_hashable(form):
     for labels in ([3, 1, 3], ["x", "y", "x"], [2.5, 1.0, 2.5]):
-        codes, _ = situations(form(labels), Rows(3))
+        codes, _ = situation_of(form(labels), Rows(3))
         assert codes.tolist() == [0, 1, 0]
-    codes, found = situations([(1, "a"), (1, "b"), (1, "a")], Rows(3))
+    codes, found = situation_of([(1, "a"), (1, "b"), (1, "a")], Rows(3))
     assert codes.tolist() == [0, 1, 0]
     assert list(found) == [(1, "a"), (1, "b")]

@@ -156,7 +156,7 @@ def test_subsets_take_their_part_of_every_argument(data):
         (lambda d: d.drop(columns="price"), "price"),
         (lambda d: d.assign(brand="z"), "z"),
         (lambda d: d.assign(price="dear"), "price"),
-        (lambda d: d.assign(price=np.nan), "column price of exog is missing in row 0 .label 600."),
+        (lambda d: d.assign(price=np.nan), "exog: column price is missing in row 0 .label 600."),
         (lambda d: d.to_numpy(), "the model has a formula: give a DataFrame"),
         (lambda d: d.drop(columns="s"), "groups is missing"),
         (lambda d: {"price": 1.0}, "exog is no table"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optkit.basics.errors import DataError, InputError, OptkitError
-from optkit.models.estimation import EstimationWarning, NotIdentifiedError
+from optkit.models.estimation import ConditionalLogit, EstimationWarning, NotIdentifiedError
 from optkit.models.preferences.attributes import Attributes
 from optkit.models.preferences.fit import fit_preferences, utility_errors
 from optkit.models.preferences.offers import Offers
@@ -268,3 +268,24 @@ def test_utility_errors_by_hand():
     assert table["group"].tolist() == [0, 1]
     np.testing.assert_allclose(table["mbe"], [2.0, -0.5])
     np.testing.assert_allclose(table["rmse"], [np.sqrt(5.0), np.sqrt(0.5)])
+
+
+@pytest.mark.parametrize("method", ["choice", "accept-reject"])
+def test_clusters_of_the_offers_widen_the_standard_errors(method):
+    """Workers answer ten times each, by a taste of their own: the errors are those of a clustered conditional logit."""
+    offers, workers = simulated(7, 600), 60
+    taste = np.random.default_rng(0).normal(0, 2.0, workers)[offers.situation % workers]
+    moved = offers.compensation - taste  # what they see; the log holds what was paid
+    log = replace(offers, compensation=moved - moved.min(), cluster=offers.situation % workers)
+    plain, found = (fit_preferences(one, method=method) for one in (replace(log, cluster=None), log))
+    assert (found.weights == plain.weights).all()
+    one = found.results[0]
+    assert one.cov_type == "cluster"
+    assert one.cov_kwds["n_groups"] == workers
+    design = np.column_stack([log.features, np.ones(len(log)), log.compensation])
+    groups = log.situation if method == "choice" else np.arange(len(log))
+    model = ConditionalLogit(log.chosen, design, groups, outside_option=True)
+    direct = model.fit(cov_type="cluster", cov_kwds={"groups": log.cluster})
+    _, _, C = from_index(direct.params[:-1], direct.params[-1], direct.cov_params())
+    assert found.covariance[0] == pytest.approx(C, rel=1e-6)
+    assert estimate(found)[1][-2] > 1.15 * estimate(plain)[1][-2]  # the constant's, which taste moves

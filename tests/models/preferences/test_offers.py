@@ -381,3 +381,37 @@ def test_features_that_are_asked_for_twice_or_have_a_role(tmp_path, features):
     ):
         with pytest.raises(DataError, match="asked for as a feature twice, or has another role"):
             make()
+
+
+def test_clusters_are_named_by_a_column_and_kept(tmp_path):
+    """Whose decisions depend on each other: read from a frame and a file, taken, joined, saved; mixed ones refused."""
+    frame = log().to_frame()
+    frame["worker"] = np.where(frame.situation == frame.situation.iloc[0], "ann", "bob")
+    features = list(log().names)
+    offers = Offers.from_frame(frame, cluster="worker")
+    assert offers.names == log().names
+    assert offers.cluster.tolist() == [int(name == "bob") for name in frame.worker]
+    each = Offers.from_frame(frame, features, cluster="situation").cluster
+    assert [len(set(each[frame.situation == s])) for s in frame.situation.unique()] == [1] * frame.situation.nunique()
+    assert len(set(each)) == frame.situation.nunique()
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    loaded = Offers.load(tmp_path / "log.csv", cluster="worker")
+    again = Offers.load(offers.save(tmp_path / "log.parquet"))
+    for other in (loaded, again, offers.take(slice(None))):
+        assert other.names == offers.names
+        assert other.cluster.tolist() == offers.cluster.tolist()
+    assert set(Offers.join([offers, offers]).cluster) == {0, 1, 2, 3}
+    with pytest.raises(InputError, match="logs with clusters and logs without"):
+        Offers.join([offers, log()])
+    mixed = frame.assign(worker=[f"w{i}" for i in range(len(frame))])
+    with pytest.raises(DataError, match=r"situation \d+ has two clusters"):
+        Offers.from_frame(mixed, cluster="worker")
+    for wrong, words in (("boss", "no column 'boss'"), ("group", "'group' cannot be the cluster")):
+        with pytest.raises(DataError, match=words):
+            Offers.from_frame(frame, cluster=wrong)
+        with pytest.raises(DataError, match=words):
+            Offers.load(tmp_path / "log.csv", cluster=wrong)
+    with pytest.raises(DataError, match="worker in row 1 is empty"):
+        Offers.from_frame(frame.assign(worker=frame.worker.where(frame.index != 1)), cluster="worker")
+    with pytest.raises(DataError, match="a feature cannot be called 'cluster'"):
+        Offers.from_frame(offers.to_frame())

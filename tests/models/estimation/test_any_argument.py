@@ -1,0 +1,10 @@
+"""Whatever an argument is, there is a result, or one line of ours that says what is wrong."""
+
+from tests.models.estimation.any_argument import errors
+
+
+def test_nothing_ends_in_an_error_of_somebody_elses():
+    ours, theirs = errors(every=13)
+    assert not theirs
+    assert len(ours) > 100
+    assert not any("\n" in line for line in ours)
