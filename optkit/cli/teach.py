@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -12,6 +14,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import urlencode
 
 import typer
 
@@ -34,7 +37,7 @@ def teach(
     """Open the derivation: from a worker's choice to the optimal markup, and on to values of waiting.
 
     Five notebooks with sliders compute every claim live: *choice*, *concavity*, *markup*, *nonnegative* and
-    *post_decision*. They are served on this machine only, until Ctrl-C.
+    *post_decision*. They are served on this machine only, to whoever has the address, until Ctrl-C.
     """
     for library in ("marimo", "sympy"):
         if find_spec(library) is None:
@@ -43,21 +46,18 @@ def teach(
     notebooks = sorted(folder.glob("[0-9]_*.py"))
     chosen = None if name is None else _find(name, notebooks)
     port = _free_port(port)
-    address = f"http://{HOST}:{port}/" + ("" if chosen is None else f"?file={chosen.name}")
-    # Run mode: code can be read but not changed, and no other machine is asked for anything.
-    served = [sys.executable, "-m", "marimo", "--yes", "--quiet", "run", str(folder), "--headless", "--no-sandbox"]
-    served += ["--include-code", "--no-token", "--host", HOST, "--port", str(port)]
+    token = secrets.token_urlsafe()
+    asked = {} if chosen is None else {"file": chosen.name}
+    address = f"http://{HOST}:{port}/?{urlencode(asked | {'access_token': token})}"
+    served = [sys.executable, "-m", "optkit.cli.notebook_server", str(folder), HOST, str(port)]
     stop = signal.signal(signal.SIGINT, signal.default_int_handler)
     # SIGTERM too must not leave the server behind.
     end = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # In the same process group: it ends with the terminal, whatever becomes of this process.
-    server = subprocess.Popen(
-        served,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    # The server ends when this end of the pipe is closed, and so with this process, in whatever way it ends.
+    there, here = os.pipe()
+    os.write(here, f"{token}\n".encode())
+    server = subprocess.Popen(served, stdin=there, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    os.close(there)
     try:
         _wait(server, port)
         for notebook in [chosen] if chosen else notebooks:
@@ -71,6 +71,7 @@ def teach(
         say("", "ended")
     finally:
         _stop(server)
+        os.close(here)
         signal.signal(signal.SIGINT, stop)
         signal.signal(signal.SIGTERM, end)
 

@@ -128,7 +128,7 @@ def address(surroundings, tmp_path_factory):
     try:
         lines = [server.stdout.readline().strip() for _ in range(6)]
         assert lines[:5] == [path.stem for path in NOTEBOOKS]
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", lines[5])
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?access_token=[\w-]{43}", lines[5])
         yield lines[5]
         server.send_signal(signal.SIGINT)
         assert "ended" in server.communicate(timeout=20)[0]
@@ -193,7 +193,7 @@ def test_app_shows_what_optkit_computes(notebook, slider, steps, expected, addre
     from playwright.sync_api import expect
 
     expect.set_options(timeout=30_000)
-    page.goto(f"{address}?file={notebook}.py")
+    page.goto(f"{address}&file={notebook}.py")
     start, end = expected(0), expected(steps)
 
     def shown(name, value):
@@ -217,7 +217,7 @@ def test_app_fits_a_phone_and_the_dark(notebook, address, page):
 
     page.set_viewport_size({"width": 390, "height": 844})
     page.emulate_media(color_scheme="dark")
-    page.goto(f"{address}?file={notebook.name}")
+    page.goto(f"{address}&file={notebook.name}")
     text = notebook.read_text()
     expect(page.locator("img[alt]:not([alt=''])")).to_have_count(
         len(re.findall(r"picture\(\s*_ax", text)), timeout=30_000

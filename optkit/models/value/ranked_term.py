@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, floats
+from optkit.basics.arrays import Bools, ReadOnlyArrays, floats
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats, Ints
 from optkit.models.value.request_sets import RequestSets
@@ -37,7 +37,7 @@ class RequestFeatures(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class RankedTerm:
+class RankedTerm(ReadOnlyArrays):
     """Requests ranked, and what they are worth by rank (``docs/explanation/values.md``).
 
     Parameters
