@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,10 +33,11 @@ def price(
 ) -> None:
     """Price one decision and prove the prices optimal.
 
-    Columns: **utility** (money), and either **value** or **reward** with, if they apply,
-    **penalty** (at most 0), **expires** (0 or 1, now) and **opportunity_cost**:
-    value = reward - penalty * expires - opportunity_cost. A column **compensation** is taken as a proposal
-    of yours and certified too. A column **request** names the rows, in text as it stands in the file.
+    Columns: **utility** (money; -inf: cannot be served), and either **value** or **reward** with, if
+    they apply, **penalty** (at most 0), **expires** (0 or 1, now) and **opportunity_cost**:
+    value = reward - penalty * expires - opportunity_cost. A column **offered** (0 or 1) says which are on
+    offer. A column **compensation** is taken as a proposal of yours and certified too. A column
+    **request** names the rows, in text as it stands in the file.
     """
     from optkit.cli.request_table import read_requests
     from optkit.models.pricing import certify, optimal_prices
@@ -47,12 +49,12 @@ def price(
     if given.ignored:
         say(f"optkit: ignored columns of {table}: {listed(given.ignored)}", err=True)
     chosen: Any = FORMS[form]
-    found = optimal_prices(value, utility, mu, outside_utility=outside_utility, nonnegative=chosen)
     nonnegative = form != "free"
-    facts: dict[str, Any] = {"outside_utility": outside_utility, "nonnegative": nonnegative}
-    proofs = {"prices": certify(found.compensation, value, utility, mu, **facts)}
+    facts: dict[str, Any] = {"outside_utility": outside_utility, "offered": given.offered}
+    found = optimal_prices(value, utility, mu, nonnegative=chosen, **facts)
+    proofs = {"prices": certify(found.compensation, value, utility, mu, nonnegative=nonnegative, **facts)}
     if given.compensation is not None:
-        proofs["your prices"] = certify(given.compensation, value, utility, mu, **facts)
+        proofs["your prices"] = certify(given.compensation, value, utility, mu, nonnegative=nonnegative, **facts)
     certificates: dict[str, Any] = {name: _plain(proof) for name, proof in proofs.items()}
     result: dict[str, Any] = {
         "requests": [
@@ -70,23 +72,32 @@ def price(
         from optkit.models.pricing_program import PricingProgram
 
         program = PricingProgram(len(value), nonnegative)
-        solved = program.solve(value, utility, mu, outside_utility, solver=solver.upper())
+        solved = program.solve(value, utility, mu, solver=solver.upper(), **facts)
         result["solver"] = {"solver": solver, "status": solved.status, "profit": solved.profit, "bound": solved.bound}
     if as_json:
         say_json(result)
         raise typer.Exit(failed)
+    known = [x for x in (*value, *utility, mu, outside_utility) if math.isfinite(x)]
+    # Four decimals suit money as people count it; in another unit they would show nothing, or too much.
+    plain = 0.1 <= max(map(abs, known)) < 1e9
+
+    def money(x: float, digits: int = 4) -> str:
+        return f"{x:.{digits}f}" if plain else f"{x:.{digits + 3}g}"
+
     rows = [
-        [str(r["request"]), f"{v:.4f}", f"{u:.4f}", f"{r['compensation']:.4f}", f"{r['acceptance']:.4f}"]
+        [str(r["request"]), money(v), money(u), money(r["compensation"]), f"{r['acceptance']:.4f}"]
         for r, v, u in zip(result["requests"][:SHOWN], value, utility, strict=False)
     ]
     if len(value) > SHOWN:
         rows.append([f"and {len(value) - SHOWN} more (see --json)", "", "", "", ""])
     print_table(f"{form} prices: {table}", ["request", "value", "utility", "compensation", "acceptance"], rows)
-    say(f"expected profit {found.profit:.6f}   markup {found.markup:.6f}   rejection {found.rejection:.6f}")
+    profit, markup = money(float(found.profit), 6), money(float(found.markup), 6)
+    say(f"expected profit {profit}   markup {markup}   rejection {found.rejection:.6f}")
     for name, proof in proofs.items():
         say("", f"certificate of {'these ' if name == 'prices' else ''}{name}", *proof.summary().split("\n"))
     if solver is not None:
-        say("", f"{solver}: {result['solver']['status']}, profit {solved.profit:.6f}, bound {solved.bound:.6f}")
+        profit, bound = money(solved.profit, 6), money(solved.bound, 6)
+        say("", f"{solver}: {solved.status}, profit {profit}, bound {bound}")
     raise typer.Exit(failed)
 
 

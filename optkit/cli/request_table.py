@@ -9,16 +9,36 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Bools, Floats
 from optkit.basics.errors import DataError
-from optkit.basics.tables.cells import Converter, flags, labels, numbers
+from optkit.basics.tables.cells import Cells, Column, Converter, flags, labels, numbers
 from optkit.basics.tables.read import open_table
+
+
+def utilities(cells: Cells) -> Column:
+    """Return finite numbers, or ``-inf`` where a cell says so: the worker cannot serve the request.
+
+    Raises
+    ------
+    DataError
+        If a cell is empty or holds anything else.
+    """
+    try:
+        return numbers(cells)
+    except DataError:
+        never = np.array([str(value).strip().lower() in ("-inf", "-infinity") for value in cells.values])
+        if not never.any():
+            raise
+    served = [0.0 if no else value for value, no in zip(list(cells.values), never.tolist(), strict=True)]
+    return np.where(never, -np.inf, numbers(Cells(cells.path, cells.name, cells.first, served)))
+
 
 PARTS_OF_VALUE = ("reward", "penalty", "expires", "opportunity_cost")
 KNOWN: dict[str, Converter] = {
     "request": labels,
     "value": numbers,
-    "utility": numbers,
+    "utility": utilities,
+    "offered": flags,
     "compensation": numbers,
     "reward": numbers,
     "penalty": numbers,
@@ -37,7 +57,9 @@ class RequestTable:
     names : list of str
         What the file calls the requests, as it writes them, or their numbers.
     value, utility : (n,) float
-        Worth of serving each request now, and its utility to the worker, in money.
+        Worth of serving each request now, and its utility to the worker, in money; ``-inf`` where he cannot serve it.
+    offered : (n,) bool
+        Which requests are on offer.
     compensation : (n,) float or None
         Somebody's proposal, in money.
     ignored : list of str
@@ -47,6 +69,7 @@ class RequestTable:
     names: list[str]
     value: Floats
     utility: Floats
+    offered: Bools
     compensation: Floats | None
     ignored: list[str]
 
@@ -54,10 +77,10 @@ class RequestTable:
 def read_requests(path: Path) -> RequestTable:
     """Read the requests of one decision.
 
-    Columns, in any order and case: ``utility``; either ``value``, or ``reward`` with ``penalty`` (at most 0),
-    ``expires`` (0 or 1) and ``opportunity_cost`` where they apply: value = reward - penalty * expires -
-    opportunity_cost; ``compensation`` for a proposal; ``request`` for names, which are read as text. JSON is a list of
-    objects, or an object with such a list under ``requests``.
+    Columns, in any order and case: ``utility``, ``-inf`` where the worker cannot serve the request; either ``value``,
+    or ``reward`` with ``penalty`` (at most 0), ``expires`` (0 or 1) and ``opportunity_cost`` where they apply: value =
+    reward - penalty * expires - opportunity_cost; ``offered`` (0 or 1); ``compensation`` for a proposal; ``request``
+    for names, which are read as text. JSON is a list of objects, or an object with such a list under ``requests``.
 
     Raises
     ------
@@ -99,6 +122,7 @@ def read_requests(path: Path) -> RequestTable:
         names=columns.get("request", np.arange(rows).astype(str)).tolist(),
         value=value,
         utility=columns["utility"],
+        offered=columns.get("offered", np.ones(rows)) == 1,
         compensation=columns.get("compensation"),
         ignored=[name for name, lower in written.items() if lower not in KNOWN],
     )

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -234,6 +235,35 @@ def test_price_reads_json_like_csv(requests_csv, tmp_path):
     for content in (rows, {"requests": rows}):
         (tmp_path / "requests.json").write_text(json.dumps(content))
         assert json.loads(optkit("price", tmp_path / "requests.json", "--json", check=0).stdout) == expected
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_price_says_the_same_in_any_unit_of_money(tmp_path, unit):
+    """Verdicts do not depend on the currency, and amounts are shown in it, however small."""
+    table = pd.DataFrame({"request": ["a", "b"], "value": [30 * unit, 53 * unit], "utility": [-10 * unit, -22 * unit]})
+    table["compensation"] = [18 * unit, 27 * unit]
+    table.to_csv(tmp_path / "r.csv", index=False)
+    facts = ("price", tmp_path / "r.csv", "--mu", str(unit), "--solver", "CLARABEL")
+    told = json.loads(optkit(*facts, "--json", check=0).stdout)
+    assert told["profit"] / unit == pytest.approx(26.714799, rel=1e-6)
+    assert [told["certificates"][who]["optimal"] for who in ("prices", "your prices")] == [True, False]
+    assert not any(told["certificates"][who]["undecided"] for who in ("prices", "your prices"))
+    assert told["solver"]["status"] == "optimal"
+    shown = optkit(*facts, check=0).stdout
+    assert float(re.search(r"expected profit (\S+)", shown)[1]) / unit == pytest.approx(26.714799, rel=1e-6)
+    assert shown.count("NOT optimal") == 1
+
+
+def test_price_leaves_out_what_is_not_offered_or_cannot_be_served(tmp_path):
+    """A request that cannot be served, or is not on offer, changes nothing for the others."""
+    path = tmp_path / "r.csv"
+    path.write_text("value,utility,offered\n30,-10,1\n50,-inf,1\n60,5,0\n53,-22,1\n")
+    told = json.loads(optkit("price", path, "--solver", "CLARABEL", "--json", check=0).stdout)
+    assert told["profit"] == pytest.approx(26.714799, rel=1e-6)
+    assert [row["acceptance"] for row in told["requests"][1:3]] == [0, 0]
+    assert told["certificates"]["prices"]["optimal"]
+    path.write_text("value,utility\n30,-10\n50,inf\n")
+    assert "utility in row 2 is 'inf', not a finite number" in optkit("price", path, check=2).stderr
 
 
 def test_forms_of_price_order_as_they_must(requests_csv):

@@ -258,6 +258,20 @@ def test_a_request_that_cannot_matter_does_not_soften_the_verdict():
     assert not certify([2e-6, 0.0], [2e-6, 0.0], [0.0, -1e8], 1e-6).optimal
 
 
+@bounded
+@given(seeds, sizes, forms, st.sampled_from([1e-12, 1e12]), st.floats(-5, 0))
+def test_verdicts_do_not_depend_on_the_unit_of_money(seed, n, nonnegative, unit, log_change):
+    v, u, choice = draw(seed, n)
+    scaled = {name: unit * x for name, x in choice.items()}
+    best = optimal_prices(v, u, nonnegative=nonnegative, **choice)
+    off = best.compensation + 10.0**log_change * np.eye(n)[np.argmax(best.acceptance)]
+    for prices in (best.compensation, off, np.zeros(n)):
+        here = certify(prices, v, u, nonnegative=nonnegative, **choice)
+        there = certify(unit * prices, unit * v, unit * u, nonnegative=nonnegative, **scaled)
+        if here.gap < 0.9e-9 * (choice["mu"] + abs(here.bound)) or here.gap > 1.1e-9 * (choice["mu"] + abs(here.bound)):
+            assert (there.optimal, there.undecided) == (here.optimal, here.undecided)
+
+
 def test_a_tolerance_finer_than_rounding_leaves_the_verdict_undecided():
     v, u = [5.0, 6.0], [-1.0, -2.0]
     c = optimal_prices(v, u).compensation
