@@ -5,10 +5,14 @@ from __future__ import annotations
 import errno
 import glob
 import hashlib
+import itertools
 import os
+import random
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +22,8 @@ from optkit.basics.files import cannot_write, locked_folder, sync_folder
 from optkit.basics.paths import resolved
 from optkit.basics.plain_json import is_sealed, parse_object, sealed, to_json
 
-TRIES = 20
-"""Of putting a folder in its place, where there are no locks and another process does the same."""
+PATIENCE = 5.0
+"""Seconds to wait, where there are no locks, for another process that puts a folder in the same place."""
 
 
 def publish(target: Path, contents: Mapping[str, bytes], replaceable: Callable[[], bool]) -> None:
@@ -45,7 +49,7 @@ def publish(target: Path, contents: Mapping[str, bytes], replaceable: Callable[[
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent))
-    new, old = staging / "new", staging / "old"
+    new, old, done = staging / "new", staging / "old", False
     try:
         new.mkdir()
         for name, data in contents.items():
@@ -56,26 +60,31 @@ def publish(target: Path, contents: Mapping[str, bytes], replaceable: Callable[[
         sync_folder(new)
         with locked_folder(target.parent):
             _put(new, target, old, replaceable)
+            done = True
         sync_folder(target.parent)
     except BaseException:
         if old.exists() and not target.exists():
-            os.replace(old, target)
+            with suppress(OSError):  # another process was faster: what it put there stays
+                os.replace(old, target)
         raise
     finally:
-        if target.exists() or not old.exists():  # never delete the only copy
+        if done or target.exists() or not old.exists():  # never delete the only copy
             shutil.rmtree(staging, ignore_errors=True)
 
 
 def _put(new: Path, target: Path, old: Path, replaceable: Callable[[], bool]) -> None:
-    for left in range(TRIES, -1, -1):
+    end = time.monotonic() + PATIENCE
+    for number in itertools.count():
         try:
             if replaceable():
-                os.replace(target, old if not old.exists() else old.with_name(f"old-{left}"))
+                os.replace(target, old if not old.exists() else old.with_name(f"old-{number}"))
             os.replace(new, target)
         except OSError as error:
             # Without a lock another process may have put a folder here since, or taken it away.
-            if left == 0 or not new.exists() or error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
+            passing = error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT)
+            if not passing or not new.exists() or time.monotonic() > end:
                 raise
+            time.sleep(random.uniform(0.0, 0.02))  # not in step with the other
         else:
             return
 
@@ -90,6 +99,14 @@ def set_aside(folder: Path) -> Path | None:
             return None
         found = folder.parent.glob(f".{glob.escape(folder.name)}.*.tmp/old")
         return next((old for old in found if old.parent.name.count(".") == folder.name.count(".") + 3), None)
+
+
+def _left_aside(folder: Path) -> Path | None:
+    """Return what :func:`set_aside` does, once it is clear that no other process is about to put something there."""
+    end = time.monotonic() + PATIENCE / 5
+    while (found := set_aside(folder)) is not None and time.monotonic() < end:
+        time.sleep(0.05)
+    return found
 
 
 def foreign_entry(folder: Path, own: Iterable[str]) -> str | None:
@@ -150,25 +167,37 @@ class ResultsFolder:
         InputError
             If it holds anything but what was written there, or cannot be made.
         """
-        target, remedy = Path(folder), "choose another folder with --out"
-        aside = set_aside(target)
+        with locked_folder(resolved(folder).parent):  # who is just replacing it is waited for
+            end = time.monotonic() + PATIENCE
+            while True:
+                seen = _identity(folder)
+                try:
+                    return self._check(Path(folder), differs)
+                except (FileNotFoundError, InputError):
+                    # Where there are no locks another folder may have come between two looks.
+                    if _identity(folder) == seen or time.monotonic() > end:
+                        raise
+
+    def _check(self, target: Path, differs: Callable[[dict[str, Any]], str | None] | None) -> bool:
+        remedy = "choose another folder with --out"
+        aside = _left_aside(target)
         if aside is not None:
-            raise InputError(f"{folder} is missing: writing was interrupted; what it held is {aside}: move it back")
-        if not os.path.lexists(target):
-            if not writable_parent(target):
-                raise InputError(f"{folder} cannot be written: {remedy}")
-            return False
+            raise InputError(f"{target} is missing: writing was interrupted; what it held is {aside}: move it back")
+        if not target.is_dir() and os.path.lexists(target) and not target.is_dir():
+            raise InputError(f"{target} is a file, not a folder: {remedy}")
         if not target.is_dir():
-            raise InputError(f"{folder} is a file, not a folder: {remedy}")
+            if not writable_parent(target):
+                raise InputError(f"{target} cannot be written: {remedy}")
+            return False
         told = self.read(target)
         foreign = foreign_entry(target, () if told is None else self._own(told))
         if foreign is not None:
-            raise InputError(f"{folder} holds {foreign!r}, which is no part of {self.what}: move it, or {remedy}")
+            raise InputError(f"{target} holds {foreign!r}, which is no part of {self.what}: move it, or {remedy}")
         if told is None:  # empty
             return True
         other = None if differs is None else differs(told)
         if other is not None:
-            raise InputError(f"{folder} holds {other}: {remedy}")
+            raise InputError(f"{target} holds {other}: {remedy}")
         changed = self._changed(target, told)
         if changed is not None:
             raise InputError(f"{target / changed} was changed since optkit wrote it: move it away, or {remedy}")
@@ -198,6 +227,13 @@ class ResultsFolder:
                 continue  # who took it away will not miss it
             except OSError as error:
                 raise cannot_write(folder / name, error) from error
+        return None
+
+
+def _identity(folder: str | os.PathLike[str]) -> int | None:
+    try:
+        return os.stat(folder).st_ino
+    except OSError:
         return None
 
 

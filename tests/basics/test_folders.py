@@ -10,6 +10,7 @@ from optkit.basics import folders
 from optkit.basics.errors import InputError
 from optkit.basics.files import locked_folder
 from optkit.basics.folders import ResultsFolder, publish, set_aside
+from optkit.basics.keeper import Form, KeptFiles
 
 KIND = ResultsFolder("told.json", "a test", "results of a test", loose=("times",))
 
@@ -73,6 +74,34 @@ def test_a_folder_that_came_meanwhile_is_asked_about(tmp_path, monkeypatch):
                 path.unlink()
             target.rmdir()
     assert os.listdir(tmp_path) == ["report"]
+
+
+@pytest.mark.parametrize("locks", [True, False])
+def test_several_who_write_into_one_folder_all_end_well(tmp_path, monkeypatch, locks):
+    """As two studies with the same --out do at once: each finds what another wrote, and replaces it."""
+    if not locks:
+        monkeypatch.setattr("optkit.basics.files.fcntl", None)
+    failed, kept = [], KeptFiles(tmp_path / "cells", Form("a test", 1, "an entry of a test"))
+
+    def work(number):
+        try:
+            for _ in range(25):
+                KIND.check(tmp_path / "report")
+                write(tmp_path / "report", a=str(number), b=str(number))
+                kept.put("same", {"x": number})
+                assert kept.get("same")["x"] in range(3)
+        except BaseException as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=work, args=[number]) for number in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed
+    assert kept.damaged == 0
+    assert (tmp_path / "report" / "a").read_text() == (tmp_path / "report" / "b").read_text()
+    assert sorted(os.listdir(tmp_path)) == ["cells", "report"]
 
 
 def test_the_lock_is_held_once(tmp_path):

@@ -179,7 +179,7 @@ def test_libraries_that_are_loaded_late_have_one_thread_too():
     pytest.importorskip("torch", reason="torch is missing: pip install 'optkit[attention]'")
     program = (
         "import sys\n"
-        "from optkit.studies import runner, work\n"
+        "from optkit.studies import runner\n"
         "from optkit.studies.cells import Cell\n"
         "def see(*_):\n"
         "    import torch\n"
