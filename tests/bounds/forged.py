@@ -101,6 +101,8 @@ def attempt(name: str, seed: int, each: int = EACH) -> Counter[str]:
             became["refused"] += 1
             continue
         assert not below(verdict.bound, optimum(forged)), (name, seed, verdict, optimum(forged), forged)
+        if kind.one_program:
+            assert verdict.attained <= honest.value + 1e-12 * abs(honest.value), (name, seed, verdict, honest.value)
         became["proven"] += 1
     return became
 

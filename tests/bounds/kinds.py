@@ -36,11 +36,15 @@ class Kind:
     optimum : callable
         What somebody does earn, exactly, or what the certificate says in 60 digits, whichever is more; a function of
         the subject that gives a function of the certificate.
+    one_program : bool
+        Whether what a certificate attains is attained in the same program whatever its arrays: then it is at most the
+        honest bound.
     """
 
     subject: Callable[[np.random.Generator], Any]
     bound: Callable[[Any], Bound]
     optimum: Callable[[Any], Callable[[Any], Any]]
+    one_program: bool = True
 
 
 def small_day(rng: np.random.Generator) -> Instance:
@@ -80,10 +84,10 @@ def small_fluid(rng: np.random.Generator) -> FluidModel:
     )  # fmt: skip
 
 
-def small_penalized(day: Instance) -> Bound:
-    """Workers are charged for, by the myopic value; of two waiting requests one is told apart."""
+def small_penalized(day: Instance, limit: int = 2) -> Bound:
+    """Workers are charged for, by the myopic value; so many waiting requests are told apart."""
     foresight = Foresight(np.array([0.5, 0.7]), np.full(day.n_groups, 1.0 / day.n_groups))
-    return penalized(day, ZeroSetValue(), foresight, limit=2, charged=2)
+    return penalized(day, ZeroSetValue(), foresight, limit=limit, charged=limit)
 
 
 def _penalised_optimum(day: Instance) -> Callable[[Any], Any]:
@@ -118,12 +122,12 @@ KINDS: dict[str, Kind] = {
         for method in ("lp", "milp", "assignment")
     },
     "arrival, exact": Kind(
-        small_day, partial(arrival_information, method="exact"), partial(_constant, arrival_optimum)
+        small_day, partial(arrival_information, method="exact"), partial(_constant, arrival_optimum), one_program=False
     ),
-    "arrival, hybrid": Kind(small_day, partial(arrival_hybrid, limit=1), partial(_constant, arrival_optimum)),
+    "arrival, hybrid": Kind(small_day, partial(arrival_hybrid, limit=1), partial(_constant, arrival_optimum), False),
     "arrival, lagrangian": Kind(small_day, partial(arrival_information, method="lagrangian"), _dual_optimum),
     "arrival, program": Kind(small_day, partial(arrival_information, method="program"), _dual_optimum),
-    "penalised": Kind(small_day, small_penalized, _penalised_optimum),
+    "penalised": Kind(small_day, small_penalized, _penalised_optimum, False),
     "fluid": Kind(small_fluid, fluid_bound, _dual_optimum),
     "exact": Kind(small_model, exact_value, partial(_constant, model_optimum)),
 }

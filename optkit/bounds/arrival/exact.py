@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,48 +136,6 @@ def arrival_exact(instance: Instance, *, limit: int = EXACT_LIMIT, nonnegative: 
         )
     everything = np.ones(instance.n_requests, bool)
     return solve_subsets(instance, "exact", everything, np.zeros(instance.n_requests), nonnegative, limit, started)
-
-
-def arrival_exact_batch(
-    instances: Sequence[Instance], *, limit: int = EXACT_LIMIT, nonnegative: bool = True
-) -> list[Bound]:
-    """:func:`arrival_exact` of each instance; all sizes are checked before the first is solved.
-
-    Parameters
-    ----------
-    instances : sequence of Instance
-        Their noise is not looked at.
-    limit : int
-        Largest number of uncertain requests at a worker.
-    nonnegative : bool
-        Whether compensations must be at least 0.
-
-    Returns
-    -------
-    list of Bound
-        One for each instance, in order.
-
-    Raises
-    ------
-    SolverError
-        If an instance has more uncertain requests than the limit allows; the message says which.
-
-    Examples
-    --------
-    >>> from optkit import scenario
-    >>> days = scenario("I.2", seed=0).sample(2, seed=1)
-    >>> [bound.value == arrival_exact(day).value for bound, day in zip(arrival_exact_batch(days), days)]
-    [True, True]
-    """
-    check_limit(limit)
-    for b, instance in enumerate(instances):
-        most = int(lattice_bits(instance).max(initial=0))
-        if most > limit:
-            raise SolverError(
-                f"instance {b} has {most} requests at once that may or may not have been served, "
-                f'above limit = {limit}: leave it out, or take method="hybrid"'
-            )
-    return [arrival_exact(instance, limit=limit, nonnegative=nonnegative) for instance in instances]
 
 
 def solve_subsets(

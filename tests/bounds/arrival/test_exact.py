@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from optkit import simulate
 from optkit.basics.errors import InputError, SolverError
 from optkit.bounds import full_information
-from optkit.bounds.arrival.exact import arrival_exact, arrival_exact_batch
+from optkit.bounds.arrival.exact import arrival_exact
 from optkit.bounds.arrival.lattice import stages
 from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import Bound, prove
@@ -182,18 +182,10 @@ def test_too_many_open_requests_are_refused_with_the_size_the_step_and_a_way_out
     assert isinstance(arrival_exact(crowd(9), limit=9), Bound)
 
 
-def test_a_batch_is_refused_before_it_is_begun_and_says_which():
-    days = [crowd(3), crowd(9)]
-    with pytest.raises(SolverError, match="instance 1 has 9 requests"):
-        arrival_exact_batch(days, limit=8)
-    assert [bound.value for bound in arrival_exact_batch(days)] == [arrival_exact(day).value for day in days]
-
-
 @pytest.mark.parametrize("limit", [-1, 2.5, True, "8"])
 def test_a_limit_is_a_whole_number(limit):
-    for bound in (lambda: arrival_exact(crowd(2), limit=limit), lambda: arrival_exact_batch([], limit=limit)):
-        with pytest.raises(InputError, match="limit"):
-            bound()
+    with pytest.raises(InputError, match="limit"):
+        arrival_exact(crowd(2), limit=limit)
 
 
 def test_the_record_tells_the_sizes():

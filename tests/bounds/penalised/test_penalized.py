@@ -155,13 +155,6 @@ def test_a_certificate_that_does_not_fit_is_refused(value, change):
         replace(bound.certificate, **change).check(DAYS[2])
 
 
-def test_any_multipliers_prove_a_bound(value):
-    """They may be larger than the dual's, on tracked requests too, and then prove less."""
-    bound = penalized(DAYS[2], value, FORESIGHT, limit=2)
-    higher = replace(bound.certificate, multipliers=bound.certificate.multipliers + 5.0)
-    assert higher.check(DAYS[2]).bound >= bound.value - 1e-8
-
-
 @pytest.mark.parametrize("limit", [-1, 2.5, True, "8", None])
 def test_a_limit_is_a_whole_number(limit):
     for name in ("limit", "charged"):
