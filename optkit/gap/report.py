@@ -23,6 +23,7 @@ from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.penalized import LIMIT
 from optkit.gap.charge_tests import charge_test
 from optkit.gap.charging import scenario_charging
+from optkit.gap.policy_digest import policy_digest
 from optkit.gap.process_tests import process_tests
 from optkit.gap.rows import BOUND_KINDS, GapTask, Kind, gap_row
 from optkit.gap.tables import gap_tables
@@ -234,6 +235,7 @@ def gap_report(
         Called with the number of instances done, and their number.
     checkpoint : path, optional
         File in which each instance's row is kept as soon as it is there; a report that was interrupted goes on from it.
+        Another report, by other instances, policies or settings, keeps its rows in a file of its own beside it.
 
     Returns
     -------
@@ -284,7 +286,7 @@ def gap_report(
         for i, (one, hand) in enumerate(zip(instances, hands, strict=True))
     ]
     key = "" if checkpoint is None else _key(tasks, foresight)
-    log = KeptRows(checkpoint, ROWS, key)
+    log = _kept(checkpoint, key)
     missing = log.missing(range(len(tasks)))
     if progress is not None:
         progress(len(tasks) - len(missing), len(tasks))
@@ -304,7 +306,7 @@ def gap_report(
             chosen = tuple(kind for kind in chosen if kind != "penalised")
     told += _said(instances, kept, chosen, redraws, failures)
     if log.found:
-        told.append(f"rows: {len(log.found)} of {len(rows)} are of {checkpoint}, proven when they were made, not again")
+        told.append(f"rows: {len(log.found)} of {len(rows)} are of {log.path}, proven when they were made, not again")
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused when the report is made
         tables = gap_tables(kept, list(policies), chosen, confidence)
     return GapReport(*tables, tuple(told), failures, confidence, tuple(refused))
@@ -367,8 +369,19 @@ def _checked(
     return chosen
 
 
+def _kept(checkpoint: str | Path | None, key: str) -> KeptRows:
+    """Open the rows of a report; where the file holds another's, in a file beside it that the key names."""
+    path = None if checkpoint is None else Path(checkpoint)
+    try:
+        return KeptRows(path, ROWS, key)
+    except InputError:
+        if path is None or not path.is_file():
+            raise
+        return KeptRows(path.with_name(f"{path.stem}-{key[:16]}{path.suffix}"), ROWS, key)
+
+
 def _key(tasks: Sequence[GapTask], foresight: Foresight | None) -> str:
-    """Return a digest of what a report consists of: policies and value function by what they do on the instances."""
+    """Return a digest of all that a report's rows consist of; policies and value function by what they are and do."""
     first = tasks[0]
     days = [
         one.instance if one.instance.noise is not None else one.instance.with_noise(one.stream(Stream.REPORT_OWN_NOISE))
@@ -384,7 +397,8 @@ def _key(tasks: Sequence[GapTask], foresight: Foresight | None) -> str:
         weight = None if f.weight is None else f.weight.tolist()
         plain += [f.presence.tolist(), f.share.tolist(), f.nothing, f.draws, weight]
         seals.append(exact_digest(f.arrivals))
-    # Ten digits: another processor may round otherwise.
+    plain += [policy_digest(name, act) for name, act in acts.items()]
+    # What they do tells of files and of compiled code that they use. Ten digits: another processor may round otherwise.
     plain += [[f"{reward:.10g}" for reward in simulate(batch, act).reward] for act in acts.values()]
     return hashlib.sha256(to_json(plain).encode() + b"".join(seals)).hexdigest()
 

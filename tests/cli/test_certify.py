@@ -255,7 +255,7 @@ def test_text_and_more_instances(certify):
 
 
 def test_a_stopped_report_goes_on(certify, tmp_path):
-    """The same command goes on from its checkpoint, in two processes too; another command does not."""
+    """The same command goes on from its checkpoint, in two processes too; another command keeps its own beside."""
     kept = tmp_path / "rows.jsonl"
     asked = ["I.2", *SMALL, "--kinds", "arrival", "--policy", "myopic", "--json", "--checkpoint", kept]
     first = strict(certify(*asked)[1])
@@ -264,9 +264,11 @@ def test_a_stopped_report_goes_on(certify, tmp_path):
     kept.write_text("\n".join(lines[:3]) + "\n")
     again = strict(certify(*asked, "--jobs", 2)[1])
     assert [row["points"] for row in again["gaps"]] == [row["points"] for row in first["gaps"]]
-    status, _, told = certify(*asked, "--limit", 3)
-    assert status == 2
-    assert "other instances, policies or settings" in told
+    before = kept.read_bytes()
+    other = strict(certify(*asked, "--limit", 3)[1])
+    assert not any(told.startswith("rows:") for told in other["assumptions"])
+    assert kept.read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optkit import scenario
+from optkit import Instance, scenario
 from optkit.basics.errors import InputError, PolicyError, SolverError
 from optkit.bounds import full_information
 from optkit.bounds.penalised.foresight import Foresight, fifo_presence
@@ -122,14 +122,39 @@ def test_an_interrupted_report_goes_on(days, tmp_path):
         (NAMED, {"limit": 3}),
         (NAMED, {"seed": 1}),
         (NAMED, {"kinds": ["lagrangian"]}),
+        ({**NAMED, "half": lambda state: 0.5 * state.reward}, {}),
     ],
 )
 def test_a_checkpoint_belongs_to_one_report(days, tmp_path, policies, change):
-    """Another policy of the same name, or another setting, does not take rows that are not its own."""
+    """Another policy of the same name, or another setting, takes no rows but its own, which it keeps beside."""
     told = {"kinds": ["arrival"], "checkpoint": tmp_path / "rows.jsonl"}
     gap_report(days[:2], NAMED, **told)
-    with pytest.raises(InputError, match="other instances, policies or settings"):
-        gap_report(days[:2], policies, **{**told, **change})
+    before = (tmp_path / "rows.jsonl").read_bytes()
+    other = gap_report(days[:2], policies, **{**told, **change})
+    right = gap_report(days[:2], policies, **{**told, **change, "checkpoint": None})
+    pd.testing.assert_frame_equal(other.rows, right.rows, check_exact=True)
+    assert not any(line.startswith("rows:") for line in other.assumptions)
+    again = gap_report(days[:2], policies, **{**told, **change})
+    assert any(line.startswith("rows: 2 of 2 are of") for line in again.assumptions)
+    assert (tmp_path / "rows.jsonl").read_bytes() == before
+    assert len(list(tmp_path.glob("*.jsonl"))) == 2
+
+
+def test_an_edited_policy_that_earns_the_same_is_not_taken_for_the_old_one(tmp_path):
+    """On the noise as drawn both shares are refused by the workers; in the mean over the noise they differ."""
+    shape = {"features": [[]], "pickup": [0], "dropoff": [0], "worker_step": [0], "worker_group": [0]}
+    money = {"reward": [30.0], "penalty": [-5.0], "utility": [[-15.0]], "mu": [4.0], "noise": [[0.0]]}
+    some = [
+        Instance(horizon=1, arrival=[0], expiry=[0], outside_noise=[3.0 + i / 10], **shape, **money) for i in range(4)
+    ]
+
+    def money_of(share, checkpoint=None):
+        report = gap_report(some, {"mine": lambda state: share * state.reward}, kinds="arrival", checkpoint=checkpoint)
+        return float(report.policies["money"].iloc[0])
+
+    file = tmp_path / "rows.jsonl"
+    assert money_of(0.45, file) == money_of(0.45)
+    assert money_of(0.50, file) == money_of(0.50) != money_of(0.45)
 
 
 def test_ones_own_policy(days):

@@ -1,0 +1,128 @@
+"""Policies are known by what they are."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pytest
+
+from optkit import scenario
+from optkit.basics.errors import InputError
+from optkit.cli.policy_file import own_policies
+from optkit.gap.policy_digest import policy_digest
+from optkit.learning.beliefs import BelievedValue
+from optkit.learning.training import train
+from optkit.policies import PostDecisionPricing, RewardPercentage
+
+
+def digest(policy):
+    return policy_digest("mine", policy)
+
+
+@dataclass(frozen=True)
+class Paying:
+    """A policy of one's own with a parameter."""
+
+    share: float
+
+    def __call__(self, state):
+        """Pay a share."""
+        return self.share * state.reward
+
+
+class Slotted:
+    """One whose state is in slots, and that keeps something for speed."""
+
+    __slots__ = ("share",)
+
+    def __init__(self, share):
+        self.share = share
+
+
+SHARE = 0.5
+
+
+def by_global(state):
+    """Pay what stands elsewhere."""
+    return SHARE * state.reward
+
+
+PAIRS = {
+    "constants": lambda x: lambda state: x * state.reward,
+    "parameters": Paying,
+    "slots": Slotted,
+    "the kit's own": RewardPercentage,
+    "partial": lambda x: partial(by_global, share=x),
+    "method": lambda x: Paying(x).__call__,
+    "arrays": lambda x: np.array([1.0, x]),
+    "defaults": lambda x: eval(f"lambda state, share={x!r}: share"),
+    "text": lambda x: eval(f"lambda state: {x!r} * state.reward"),
+    "sets": lambda x: {1.0, x, "a"},
+    "generators": lambda x: np.random.default_rng(int(x * 1e6)),
+}
+
+
+@pytest.mark.parametrize("make", PAIRS.values(), ids=PAIRS)
+def test_what_differs_has_another_digest(make):
+    """A number that moves by a millionth makes another policy, wherever it stands; made again, it is the same."""
+    assert digest(make(0.5)) == digest(make(0.5))
+    assert digest(make(0.5)) != digest(make(0.500001))
+
+
+def test_what_a_function_names_counts(monkeypatch):
+    """A value in its module, a function that it calls, and code with other names."""
+    before = digest(by_global)
+    monkeypatch.setattr(sys.modules[__name__], "SHARE", 0.45)
+    assert digest(by_global) != before
+    assert digest(lambda state: np.exp(state.reward)) != digest(lambda state: np.sqrt(state.reward))
+    assert digest(Paying(0.5)) != digest(RewardPercentage(0.5))
+
+
+def test_a_file_is_known_by_what_it_does(tmp_path):
+    """Read again, from elsewhere, or with a comment more, it is the same; with another number or helper it is not."""
+    text = "LOW = 0.4\ndef share(step):\n    return LOW + 0.01 * step\n"
+    text += "def mine(state):\n    return share(state.step) * state.reward\n"
+    versions = [text, "# a comment\n" + text, text.replace("0.01", "0.02"), text.replace("0.4", "0.41")]
+    found = []
+    for number, version in enumerate(versions):
+        (tmp_path / f"own{number}.py").write_text(version)
+        name = f"{tmp_path}/own{number}.py:mine"
+        found.append(digest(own_policies([name])[name]))
+    assert found[0] == found[1]
+    assert len(set(found)) == 3
+
+
+def test_trained_policies_are_the_same_in_each_process():
+    """Another process, with another seed of its hashes, comes to the same digest."""
+    code = (
+        "from tests.gap.test_policy_digest import *\n"
+        "print(digest({'a': PostDecisionPricing(), 'b': Paying(0.5), 'c': {'x', 'y', 'z'}}), digest(by_global))"
+    )
+    told = set()
+    for seed in ("1", "2"):
+        env = {"PYTHONHASHSEED": seed, "PYTHONPATH": "."}
+        told.add(subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, check=True).stdout)
+    assert len(told) == 1
+    made = [train(scenario("I.2", seed=0, horizon=8).sample(20, seed=s), "linear", choice="true") for s in (1, 1, 2)]
+    same, again, other = (digest(PostDecisionPricing(value_function=BelievedValue(one.value))) for one in made)
+    assert same == again
+    assert same != other
+
+
+def test_use_changes_nothing():
+    """What a policy keeps for speed is no part of it."""
+    from optkit import simulate
+
+    days = scenario("I.2", seed=0, horizon=8).sample(5, seed=1)
+    policy = train(days, "linear", choice="true").policy
+    before = digest(policy)
+    simulate(days, policy)
+    assert digest(policy) == before
+
+
+def test_what_has_no_lasting_form_is_refused(tmp_path):
+    """One line that says to leave the checkpoint out."""
+    with open(tmp_path / "file", "w") as file, pytest.raises(InputError, match="leave the checkpoint out"):
+        digest(lambda state: file)
