@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import signal
 import sys
 from pathlib import Path
@@ -44,3 +45,12 @@ def optkit(*arguments, cwd=None, check=None):
     done = Done(status, *(stream.buffer.getvalue().decode() for stream in (out, err)))
     assert check in (None, done.returncode), done.stderr
     return done
+
+
+def strict(text):
+    """Parse JSON that every reader takes."""
+
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)

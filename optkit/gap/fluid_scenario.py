@@ -15,7 +15,7 @@ from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound
 from optkit.bounds.fluid.bound import FluidModel, fluid_bound
 from optkit.bounds.fluid.prices import FluidPrices
-from optkit.bounds.penalised.presence import presence_at as presence_at
+from optkit.bounds.penalised.presence import presence_at
 from optkit.instances.instance import Floats, Ints
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario

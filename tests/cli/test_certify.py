@@ -14,6 +14,7 @@ from optkit.gap.report import gap_report
 from optkit.instances.catalogue import scenario
 from optkit.instances.storage import save_instances
 from optkit.learning.training import train
+from tests.command_line import strict
 
 SETTINGS = {"split": (40, 4, 10), "horizon": 15}
 SMALL = ["--set", "split=40,4,10", "--set", "horizon=15"]
@@ -43,11 +44,6 @@ def own(tmp_path_factory):
     for part, instances in scenario("I.2", seed=0, **SETTINGS).split()._asdict().items():
         save_instances(folder / part, instances)
     return folder
-
-
-def strict(text):
-    """Parse JSON that every reader takes."""
-    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
 def test_a_scenario_is_certified(certify, tmp_path):

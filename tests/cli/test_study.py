@@ -10,6 +10,7 @@ import pytest
 from optkit.studies import grids, runner
 from optkit.studies.store import CellStore
 from tests import command_line
+from tests.command_line import strict
 
 SETTINGS = {"split": (20, 4, 4), "horizon": 6}
 SMALL = ["--set", "split=20,4,4", "--set", "horizon=6"]
@@ -21,11 +22,6 @@ def study(monkeypatch, optkit):
     """Run the verb in this process, without the network; return exit status, output and errors."""
     monkeypatch.setattr(grids, "find_spec", lambda _: None)
     return partial(optkit, "study")
-
-
-def strict(text):
-    """Parse JSON that every reader takes."""
-    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
 def files(folder):

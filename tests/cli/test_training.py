@@ -1,6 +1,5 @@
 """optkit train and optkit evaluate, called as a user calls them."""
 
-import json
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from optkit.learning.trained import Trained
 from optkit.learning.training import train
 from optkit.models.value import LinearValue
 from optkit.policies import PostDecisionPricing
+from tests.command_line import strict
 
 SMALL = ["--set", "split=60,20,10"]
 
@@ -34,11 +34,6 @@ def split():
 def file(split, tmp_path_factory):
     """A policy with learned preferences, on disk."""
     return train(split).save(tmp_path_factory.mktemp("trained") / "learned.json")
-
-
-def strict(text):
-    """Parse JSON that every reader takes."""
-    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
 def test_train_and_evaluate_show_what_the_library_finds(optkit, tmp_path, split):

@@ -1,6 +1,5 @@
-"""Light value functions: against brute force, and as estimators; see also test_value_exactly.py."""
+"""Light value functions as estimators; their laws are in test_laws.py, and test_value_exactly.py knows the truth."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from optkit.models.value import KernelValue, LinearValue
 from optkit.models.value.catalogue import value_of
 from optkit.models.value.features import HatFeatures
 from optkit.models.value.ranked_term import RankedTerm
-from optkit.models.value.request_sets import costs_without, removal_differences
 
 FORMS = pytest.mark.parametrize(
     "form",
@@ -25,55 +23,6 @@ FORMS = pytest.mark.parametrize(
     ],
     ids=["linear", "by group", "busy", "kernel", "busy kernel"],
 )
-
-
-@FORMS
-@pytest.mark.parametrize("groups", [1, 3])
-def test_opportunity_costs_equal_brute_force(random_sets, drawn, form, groups):
-    """All removals at once are the differences of values of sets evaluated one by one (rounding: 1e-8 money)."""
-    fitted = clone(form).fit(drawn(groups=groups))
-    for seed in range(5):
-        sets = random_sets(seed, 7, 8, groups)
-        cost = fitted.opportunity_cost(sets)
-        np.testing.assert_allclose(cost, removal_differences(fitted.value, sets), atol=1e-8)
-        assert np.abs(cost).max() > 0.1
-        assert not cost[~sets.member].any()
-
-
-@FORMS
-@pytest.mark.parametrize("groups", [1, 3])
-def test_opportunity_costs_without_each_request(random_sets, drawn, form, groups):
-    """They are those of the smaller sets, found by a value function that does not know the quick way (1e-8 money)."""
-    fitted = clone(form).fit(drawn(groups=groups))
-
-    class Slow:
-        opportunity_cost = fitted.opportunity_cost
-
-    sets = random_sets(2, 7, 8, groups)
-    row, column = (x.ravel() for x in np.indices(sets.member.shape))
-    quick = fitted.opportunity_cost_without(sets, row, column)
-    assert np.abs(quick).max() > 0.1
-    np.testing.assert_allclose(costs_without(Slow(), sets, row, column), quick, atol=1e-8)
-
-
-def test_the_order_of_the_columns_does_not_matter(random_sets, drawn):
-    """Prices do not depend on how a set is written down, ties or not (rounding: 1e-8 money)."""
-    fitted = LinearValue(by_group=True).fit(drawn(groups=3))
-    for ties in (False, True):
-        sets = random_sets(3, 9, 8, 3, ties=ties)
-        p = np.random.default_rng(0).permutation(8)
-        shuffled = replace(sets, index=sets.index[:, p], member=sets.member[:, p])
-        np.testing.assert_allclose(fitted.value(shuffled), fitted.value(sets), atol=1e-8)
-        np.testing.assert_allclose(fitted.opportunity_cost(shuffled), fitted.opportunity_cost(sets)[:, p], atol=1e-8)
-
-
-@FORMS
-def test_empty_sets_are_worth_nothing(random_sets, drawn, form):
-    """A value counts from that of the empty set."""
-    fitted, sets = clone(form).fit(drawn()), random_sets(1)
-    nobody = replace(sets, member=np.zeros_like(sets.member))
-    assert not fitted.value(nobody).any()
-    assert not fitted.opportunity_cost(nobody).any()
 
 
 @FORMS
@@ -251,28 +200,6 @@ def test_bad_settings(drawn, form, words):
         form.fit(drawn())
     assert not hasattr(form, "coef_")
     assert not hasattr(form, "terms_")
-
-
-@pytest.mark.parametrize("groups", [1, 3])
-@pytest.mark.parametrize(
-    "form",
-    [
-        LinearValue(surplus_knots=np.int64(3), time_knots=np.array([1.0, 4.0])),
-        LinearValue(busy_knots=(0.0, 2.0)),
-        KernelValue(landmarks=5, gamma=0.3),
-        KernelValue(landmarks=5, busy_knots=(0.0, 2.0)),
-    ],
-    ids=["linear", "busy", "kernel", "busy kernel"],
-)
-def test_plain_data_and_back(random_sets, drawn, form, groups):
-    """Through JSON and back, settings and all opportunity costs are the same to the last digit."""
-    one = clone(form).fit(drawn(groups=groups))
-    again = value_of(json.loads(json.dumps(one.to_dict())))
-    sets = random_sets(2, 9, 7, groups)
-    np.testing.assert_array_equal(again.opportunity_cost(sets), one.opportunity_cost(sets))
-    np.testing.assert_array_equal(again.value(sets), one.value(sets))
-    assert again.to_dict() == one.to_dict()
-    assert again.ridge == one.ridge
 
 
 def plain():
