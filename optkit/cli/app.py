@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 import traceback
@@ -83,7 +84,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, _interrupted)
     # A scheduler's polite end is an interruption too: worker processes must not outlive this one.
     signal.signal(signal.SIGTERM, _interrupted)
-    with _any_encoding(), warnings.catch_warnings():
+    with _any_encoding(), _library_logs(), warnings.catch_warnings():
         warnings.showwarning = _warned
         try:
             app()
@@ -111,6 +112,18 @@ def _any_encoding() -> Iterator[None]:
     finally:
         for one, errors in zip(streams, before, strict=True):
             one.reconfigure(errors=errors)
+
+
+@contextmanager
+def _library_logs() -> Iterator[None]:
+    """With --quiet no library's log is written; what one writes goes to standard error."""
+    before = logging.root.manager.disable
+    if {"--quiet", "-q"} & set(sys.argv[1:]):
+        logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def _end(why: object) -> NoReturn:

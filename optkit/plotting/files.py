@@ -62,32 +62,6 @@ def figure_bytes(drawn: Axes | Figure, kind: str, *, name: str = MARK, facecolor
     return sink.getvalue()
 
 
-def figure_files(name: str, figure: Figure) -> dict[str, bytes]:
-    """Return a figure as PNG, PDF and SVG, the same bytes each time for the same figure.
-
-    Parameters
-    ----------
-    name : str
-        Of the files, without their endings.
-    figure : matplotlib Figure
-        Of no pyplot state.
-
-    Returns
-    -------
-    dict of str to bytes
-        By file name.
-
-    Examples
-    --------
-    >>> from optkit.plotting.files import new_figure
-    >>> sorted(figure_files("empty", new_figure(1.0, 1.0)))
-    ['empty.pdf', 'empty.png', 'empty.svg']
-    """
-    return {
-        f"{name}.{kind}": figure_bytes(figure, kind, name=name, facecolor="white") for kind in ("pdf", "svg", "png")
-    }
-
-
 def drawn_here(picture: bytes) -> bool:
     """Whether a PNG or PDF file is as :func:`figure_bytes` made it.
 

@@ -3,6 +3,7 @@
 import ast
 import io
 import json
+import logging
 import random
 import signal
 import sys
@@ -212,3 +213,24 @@ def test_the_command_line_prints_in_one_place():
                 called = ast.unparse(node.func)
                 assert called not in ("print", "typer.echo", "typer.secho"), (file.name, node.lineno)
                 assert not called.startswith(("sys.stdout.write", "sys.stderr.write")), (file.name, node.lineno)
+
+
+@pytest.mark.parametrize("quiet", [[], ["--quiet"], ["-q"]])
+def test_logs_of_libraries_are_silent_with_quiet_and_never_on_standard_output(
+    quiet, optkit, tmp_path, monkeypatch, caplog
+):
+    """As Dask's nanny warns of a worker that takes its time to end, and Matplotlib of its fonts."""
+    told = "Worker process still alive after 4.0 seconds, killing"
+
+    def run_cells(*_, **__):
+        for name in ("distributed.nanny", "matplotlib.font_manager"):
+            logging.getLogger(name).warning(told)
+            logging.getLogger(name).critical(told)
+        raise OptkitError("that was all")
+
+    monkeypatch.setattr("optkit.studies.runner.run_cells", run_cells)
+    done = optkit("study", "sensitivity", "--out", tmp_path / "s", "--jobs", 1, *quiet, check=2)
+    assert done.stdout == ""
+    assert (told in caplog.text) == (not quiet)  # who listens to logs is told, unless they are silent
+    assert "that was all" in done.stderr
+    assert logging.root.manager.disable == 0

@@ -13,7 +13,7 @@ import pytest
 
 import optkit
 from optkit.basics.errors import InputError, OptkitError
-from optkit.plotting.files import figure_files, new_figure
+from optkit.plotting.files import figure_bytes, new_figure
 from optkit.studies.report import report as module
 from optkit.studies.report.report import check_report, report_files, write_report
 from optkit.studies.report.texts import CAPTIONS, LATEX, latex, shown
@@ -313,7 +313,7 @@ def test_a_figure_is_the_same_bytes_at_any_time(monkeypatch):
         monkeypatch.setenv("SOURCE_DATE_EPOCH", str(moment))
         figure = new_figure(3, 2)
         figure.subplots().plot([0, value], clip_on=True)
-        return figure_files("one", figure)
+        return {kind: figure_bytes(figure, kind, name="one") for kind in ("png", "pdf", "svg")}
 
     first, other, again = drawn(1.0), drawn(2.0), drawn(1.0, moment=1_500_000_000)
     assert first == again
