@@ -256,6 +256,16 @@ class Instance(ReadOnlyArrays):
         given = self.outside_utility
         return given if isinstance(given, np.ndarray) else np.full(self.mu.size, given)
 
+    @property
+    def relative_utility(self) -> Floats:
+        """How much more each group likes each request than rejecting, u - u_0, (D, n), in money."""
+        return np.asarray(self.utility - self.outside_by_group[:, None])
+
+    @property
+    def surplus(self) -> Floats:
+        """What serving a request is worth to platform and worker together, r - beta + u - u_0, (D, n), in money."""
+        return np.asarray(self.reward - self.penalty + self.relative_utility)
+
     def pairs(self) -> tuple[Ints, Ints]:
         """Compatible pairs: every worker with every request that is open at the worker's step.
 

@@ -24,12 +24,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import wrightomega
 
 from optkit.basics.arrays import floats
 from optkit.bounds.bound import Verdict
 from optkit.bounds.rounding import EPS, sum_up
 from optkit.instances.instance import Floats, Instance, Ints
+from optkit.models.pricing.closed_form import profit_ratio
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class OpenPairs:
         top = self.largest_by_worker(score)
         weight = np.exp(score - top[self.worker])
         total = np.add.reduceat(weight, self.starts)
-        ratio = wrightomega(top + np.log(total) - 1.0)
+        ratio = profit_ratio(top + np.log(total))
         return ratio, weight * (ratio / (1.0 + ratio) / total)[self.worker]
 
     def served(self, acceptance: Floats) -> Floats:

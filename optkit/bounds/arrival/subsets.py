@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import wrightomega
 
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.lattice import Bools, Stage, reachable
@@ -142,7 +141,7 @@ class SubsetProgram:
         with np.errstate(over="ignore", divide="ignore"):
             for i, shape, loss in _losses(stage, scaled, later, mu, range(value.size)):
                 total.reshape(shape)[:, -1] += np.exp(value[i] + logit[i] - loss)
-            ratio = wrightomega(np.log(total) - 1.0)
+            ratio = closed_form.profit_ratio(np.log(total))
         hard = np.isinf(total)
         ratio[hard] = 0.0
         reach = 1.0 + np.abs(value) + ratio.max() + (scaled.max() - scaled.min())

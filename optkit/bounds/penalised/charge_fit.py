@@ -114,7 +114,7 @@ def _spread(instances: Sequence[Instance], surplus_knots: int | Sequence[float])
     if np.ndim(surplus_knots):
         return floats("surplus_knots", surplus_knots, (None,))
     spots = whole_number("surplus_knots", surplus_knots, least=2)
-    surplus = [(one.reward - one.penalty + one.utility - one.outside_by_group[:, None]).ravel() for one in instances]
+    surplus = [one.surplus.ravel() for one in instances]
     low, high = np.quantile(np.concatenate(surplus), [0.03, 0.97])
     return np.linspace(low, max(high, low + 1e-6), spots)
 

@@ -266,7 +266,7 @@ def join_requests(instances: Sequence[Instance]) -> KnownRequests:
     def joined(name: str) -> npt.NDArray[np.float64]:
         return np.concatenate([getattr(one, name) for one in instances])
 
-    utility = np.concatenate([one.utility - one.outside_by_group[:, None] for one in instances], axis=1)
+    utility = np.concatenate([one.relative_utility for one in instances], axis=1)
     arrival, expiry, pickup, dropoff = (
         joined(name).astype(np.int64) for name in ("arrival", "expiry", "pickup", "dropoff")
     )

@@ -141,7 +141,7 @@ class LinearCharges:
         i = np.repeat(np.arange(instance.n_requests), length)
         step = instance.arrival[i] + np.arange(i.size) - start[i]
         now = step + 1
-        surplus = (instance.reward - instance.penalty + instance.utility - instance.outside_by_group[:, None]).T
+        surplus = instance.surplus.T
         by_group = hats(surplus, self.surplus_knots)  # (n, D, a)
         expected = np.einsum("nda,d->na", by_group, self.foresight.share)
         came = np.where((seen.group[now] >= 0)[:, None], by_group[i, seen.group[now]], 0.0)

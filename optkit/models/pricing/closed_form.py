@@ -32,13 +32,18 @@ class Solution:
     held: Bools | None
 
 
+def profit_ratio(log_total: Floats) -> Floats:
+    """Optimal profit of free prices in units of mu, y = W0(sum_i exp(a_i/mu - 1)), from log sum_i exp(a_i/mu)."""
+    return np.asarray(wrightomega(log_total - 1.0), dtype=np.float64)
+
+
 def unconstrained(d: Decisions) -> Solution:
     """Lemma 3: profit / mu = y = W0(sum_i exp(a_i/mu - 1)), P_0 = 1 / (1 + y), P_i = y / (1 + y) softmax_i(a/mu).
 
     This form of P is about twice as accurate as (mu/m) exp((a_i - m)/mu), which subtracts two large numbers.
     """
     weight, total, log_total = _exp_sum(d.advantage)
-    y = wrightomega(log_total - 1.0)
+    y = profit_ratio(log_total)
     rejection = 1.0 / (1.0 + y)
     return Solution(y, weight * (y * rejection / total), rejection, None)
 
@@ -111,7 +116,7 @@ def _with_held(d: Decisions, hold: Bools) -> Solution:
     weight, total, log_total = _exp_sum(np.where(hold, -np.inf, d.advantage))
     # log(1 + W_C) = -log_outside, the log-share of the outside option against the held requests.
     free = log_total - 1.0 + log_outside
-    y = wrightomega(free - s)
+    y = profit_ratio(log_total + log_outside - s)
     # y + log y = free - s: where held requests ruin more than a float tells apart from y, s + y would cancel.
     ratio = np.where(y > 1.0, free - np.log(np.maximum(y, 1.0)), s + y)
     rest = 1.0 / (1.0 + y)
@@ -140,29 +145,6 @@ def dual_slack(d: Decisions, ratio: Floats, nonnegative: bool) -> Floats:
         log_rest = np.log(np.maximum(rest, 0.0))
     # exp(log_y) is 0 in floating point where log_y is below -745; then any R >= mu s is feasible.
     return np.where(log_y < -745.0, np.where(rest >= 0, 1.0, -1.0), log_rest - np.where(log_y < -745.0, 0.0, log_y))
-
-
-def dual_bound(d: Decisions) -> tuple[Floats, Floats]:
-    """Return a certified R for c >= 0, (S, 1), and the rounding of the data that it allows for, (S, 1), in money.
-
-    For decisions that are known in units of mu only; what is known in money has a tighter bound, see
-    :func:`optkit.models.pricing.enclosure.optimum`.
-    """
-    ratio = nonnegative(d).ratio
-    magnitude = np.abs(d.value) / d.mu + np.abs(d.logit)
-    if d.offered is not None:
-        magnitude = np.where(d.offered, magnitude, 0.0)
-    size = magnitude.max(axis=1, keepdims=True, initial=0.0) + np.abs(ratio) + 1.0
-    step = 16 * np.finfo(float).eps * size
-    rounding = step * d.mu
-    bound = ratio + step
-    for _ in range(60):
-        short = dual_slack(d, bound, nonnegative=True) < 0
-        if not short.any():
-            break
-        step = np.where(short, 2 * step, step)
-        bound = np.where(short, bound + step, bound)
-    return d.mu * bound, 4 * rounding
 
 
 def _held_shares(d: Decisions, hold: Bools) -> tuple[Floats, Floats, Floats]:
