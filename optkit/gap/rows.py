@@ -215,7 +215,7 @@ def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mappin
         return
     for kind, bound in bounds.items():
         earned = policy["reward"] - (policy["charge"] if kind == "penalised" else 0.0)
-        if kind != "full" and earned > bound["value"] + ROUNDING * max(1.0, abs(bound["value"])):
+        if kind != "full" and earned > bound["value"] + ROUNDING * max(abs(earned), abs(bound["value"])):
             raise SolverError(
                 f"instance {number}: {name} earns {earned:.9g} in the mean over the noise, more than the bound "
                 f"{bound['value']:.9g} ({kind}), which cannot be: one of them is wrong"

@@ -20,6 +20,11 @@ def test_no_forgery_proves_less_than_the_optimum(name):
     assert min(became["refused"], became["proven"]) > 0
 
 
+def test_penalties_in_expected_numbers_are_rounded_up():
+    """A fluid model whom no worker meets, in which a sum of products was below the exact one by its last digit."""
+    assert forged.attempt("fluid", 1002, each=1).total() == 1
+
+
 def test_a_bound_without_its_rounding_is_found(monkeypatch):
     """The judge sees the last digits: a dual that is rounded down, by as little as floats tell apart, does not pass."""
     right = OpenPairs.bound

@@ -51,7 +51,7 @@ class OpenPairs:
     count : (n,) float
         Expected number n_i of such requests.
     constant : float
-        ``sum n_i beta_i``: what is earned if nothing is served, in money.
+        ``sum n_i beta_i``: what is earned if nothing is served, in money, rounded up.
 
     Examples
     --------
@@ -92,10 +92,11 @@ class OpenPairs:
         met = np.bincount(worker, minlength=instance.n_workers) > 0
         advantage = earned + (utility - outside)
         money = (np.abs(instance.reward) - instance.penalty)[request] + np.abs(utility) + np.abs(outside)
-        constant = float(instance.penalty.sum())
+        constant = sum_up(instance.penalty.tolist())
         if count is not None:
             choice = instance.mu[group][worker] * np.log(count)[request]
-            advantage, money, constant = advantage + choice, money + np.abs(choice), float(count @ instance.penalty)
+            advantage, money = advantage + choice, money + np.abs(choice)
+            constant = sum_up(np.nextafter(count * instance.penalty, np.inf).tolist())
         return cls(
             (np.cumsum(met) - 1)[worker],
             request,
@@ -180,15 +181,14 @@ class OpenPairs:
 
         Each pair's advantage is raised by four roundings of the money that it is made of, so that pairs whom nobody
         wants need not be known well. What remains are one rounding of each of the k_t terms of a worker's sum, eight of
-        1 + y_t for the special functions, and one of each term of the outer sums, the constant's for log2 n.
+        1 + y_t for the special functions, and those of each term of the outer sum.
         """
         error = EPS * 4.0 * (self.money + multipliers[self.request])
         ratio, _ = replace(self, advantage=self.advantage + error).respond(multipliers)
         terms = np.diff(np.append(self.starts, self.size))
         charged, earned = self.count * multipliers, self.presence * self.mu * ratio
         inner = EPS * float(self.presence @ (self.mu * (terms + 8.0 * (1.0 + ratio))))
-        outer = EPS * float(2.0 * charged.sum() - self.constant * np.log2(2.0 + self.count.size))
-        return sum_up([self.constant, *charged.tolist(), *earned.tolist(), inner, outer])
+        return sum_up([self.constant, *charged.tolist(), *earned.tolist(), inner, 2.0 * EPS * float(charged.sum())])
 
     def feasible_gain(self, multipliers: Floats, ratio: Floats, acceptance: Floats) -> float:
         """What a feasible solution earns beyond ``sum n_i beta_i``, in money.
@@ -217,7 +217,8 @@ class OpenPairs:
         prices = np.maximum(given, 0.0)
         residual = float(np.max(prices - given, initial=0.0))
         if not self.size:
-            return Verdict(sum_up([self.constant, *(self.count * prices).tolist()]), self.constant, residual)
+            charged = (1.0 + 2.0 * EPS) * self.count * prices
+            return Verdict(sum_up([self.constant, *charged.tolist()]), self.constant, residual)
         with np.errstate(over="ignore", invalid="ignore"):
             attained = self.constant + self.feasible_gain(prices, *self.respond(prices))
             return Verdict(self.bound(prices), attained if np.isfinite(attained) else -np.inf, residual)
