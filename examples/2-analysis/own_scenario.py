@@ -4,6 +4,8 @@ Anything that makes instances will do. What is random should come from the seed 
 drawn again, and training, validation and test instances must be independent.
 """
 
+import sys
+
 import numpy as np
 
 from optkit import Instance
@@ -15,6 +17,7 @@ from optkit.learning.training import train
 from optkit.policies import PostDecisionPricing
 
 HORIZON, WORKERS = 40, 0.6
+DAYS = int(sys.argv[1]) if sys.argv[1:] else 30  # that are measured
 
 
 def canteen(seed: np.random.SeedSequence) -> Instance:
@@ -44,7 +47,7 @@ def canteen(seed: np.random.SeedSequence) -> Instance:
 
 parts = (np.random.SeedSequence(part) for part in (1, 2, 3))
 split = Split(
-    *([canteen(seed) for seed in part.spawn(count)] for part, count in zip(parts, (200, 40, 30), strict=True))
+    *([canteen(seed) for seed in part.spawn(count)] for part, count in zip(parts, (200, DAYS, 40), strict=True))
 )
 
 trained = train(split, choice="true")

@@ -2,6 +2,7 @@
 
     python examples/3-paper/figures.py                            small studies, worked out here in half a minute
     python examples/3-paper/figures.py results/studies figures    from what optkit study left, into a folder
+    python examples/3-paper/figures.py --small                    with short days and two draws of each belief
 
 What is drawn is what is there: cells that no study has worked out yet are missing in the figures.
 """
@@ -36,22 +37,24 @@ READING = {
 """How to read a figure; what it shows is said by numbers."""
 
 
-def results(folder: Path | None, name: str):
+def results(folder: Path | None, name: str, small: bool):
     """Return the tables of a study: from a folder of finished cells, or worked out here on few small instances."""
     if folder is not None:
         study = Study(name)
         return study_tables(load(study.cells(), CellStore(folder / "cells")))
-    study = Study(name, seeds=1, settings={"horizon": 25, "split": (60, 12, 12)}, gap=False)
+    study = Study(name, seeds=1, settings={"horizon": 8 if small else 25, "split": (60, 12, 12)}, gap=False)
     cells = [cell for cell in study.cells() if "Attention" not in str(cell) and "Kernel" not in str(cell)]
+    if small:
+        cells = [cell for cell in cells if cell.settings.get("draw", 0) < 2]
     with tempfile.TemporaryDirectory() as scratch:
         return study_tables(run_cells(cells, CellStore(scratch)))
 
 
-def main(source: str | None = None, target: str | None = None) -> None:
+def main(source: str | None = None, target: str | None = None, *, small: bool = False) -> None:
     """Draw the figures of three studies and say what they show."""
     folder = None if source is None else Path(source)
     for name in ("homogeneous", "heterogeneous", "sensitivity"):
-        tables = results(folder, name)
+        tables = results(folder, name, small)
         for label, figure in study_figures(tables).items():
             kind = label if label in READING else label.rpartition("_")[0]
             print(f"{label}: {READING[kind]}\n")
@@ -68,4 +71,4 @@ def main(source: str | None = None, target: str | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*(argument for argument in sys.argv[1:3] if not argument.startswith("-")))
+    main(*(text for text in sys.argv[1:] if not text.startswith("-")), small="--small" in sys.argv)

@@ -15,6 +15,9 @@ from optkit.instances.catalogue import scenario
 
 ROOT = Path(__file__).parents[2]
 # The notebooks of 1-derivation are run in test_notebooks.py.
+SMALLER = {"own_gap.py": "8", "own_scenario.py": "10", "figures.py": "--small"}
+"""Days or steps of the longest examples, in a fifth of the time."""
+
 EXAMPLES = sorted(path for path in (ROOT / "examples").rglob("*.py") if "1-derivation" not in path.parts)
 
 
@@ -28,8 +31,9 @@ def test_code_blocks_print_what_the_page_shows(page):
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.name for path in EXAMPLES])
 def test_examples_run(example, capsys, monkeypatch):
-    """Every example runs to its end and passes its own assertions, whatever pytest was called with."""
-    monkeypatch.setattr(sys, "argv", [str(example)])
+    """Every example runs to its end and passes its own assertions, on smaller data where it takes a size."""
+    size = [SMALLER[example.name]] if example.name in SMALLER else []
+    monkeypatch.setattr(sys, "argv", [str(example), *size])
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out
 
