@@ -1,0 +1,87 @@
+"""How often a true process is refused, and after how many days a rush hour is noticed.
+
+    python benchmarks/process_tests.py             400 reports of each kind
+    python benchmarks/process_tests.py --reports 40
+
+Days of 50 steps. True: workers at 0.5 a step, known, on 20 days; requests of scenario I.2 against a pool of 400 on 20
+days; a rush hour (0.1 a step in the morning, 0.9 in the evening) by rates that were learned from 40 other days, on 20.
+Noticed: the rush hour, where 0.5 a step is assumed, on 1 to 5 days. Prints and keeps shares of reports refused.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from _machine import machine
+
+from optkit import Instance, scenario
+from optkit.basics.files import write_whole
+from optkit.basics.plain_json import to_json
+from optkit.bounds.penalised.foresight import Foresight, fifo_presence
+from optkit.gap.request_tests import request_test
+from optkit.gap.simulated_test import DRAWS, LEVEL
+from optkit.gap.worker_tests import worker_test
+from optkit.instances.queue import fifo_queue
+from optkit.learning.worker_rates import learn_worker_rates
+
+RESULTS = Path(__file__).parent / "results" / "process_tests.json"
+STEADY, RUSH = np.full(50, 0.5), np.where(np.arange(50) < 25, 0.1, 0.9)
+
+
+def days(rate: np.ndarray, count: int, rng: np.random.Generator) -> list[Instance]:
+    """Days of workers alone."""
+    found = []
+    for _ in range(count):
+        step, _ = fifo_queue(np.repeat(np.arange(50), rng.poisson(rate)), 50)
+        none = np.zeros(0)
+        found.append(
+            Instance(
+                horizon=50, arrival=none, expiry=none, reward=none, penalty=none, features=np.zeros((0, 0)),
+                pickup=none, dropoff=none, worker_step=step, worker_group=np.zeros(step.size, int),
+                utility=np.zeros((1, 0)), mu=[1.0],
+            )
+        )  # fmt: skip
+    return found
+
+
+def main() -> None:
+    """Measure, print and keep."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--reports", type=int, default=400)
+    parser.add_argument("--learned", type=int, default=100, help="reports with rates that were learned")
+    options = parser.parse_args()
+    steady = Foresight(fifo_presence(0.5), [1.0])
+    pool = Foresight([0.5], [1.0], scenario("I.2", seed=0).sample(400, seed=1))
+    refused: dict[str, list[bool]] = {"true, workers": [], "true, requests": [], "true, learned": []}
+    for number in range(options.reports):
+        rng = np.random.default_rng([1, number])
+        found = worker_test(days(STEADY, 20, rng), steady, seed=number)
+        refused["true, workers"].append(found.contradicted)
+        same = scenario("I.2", seed=0).sample(20, seed=2 + number)
+        asked = request_test(same, pool, seed=number)
+        refused["true, requests"].append(asked is not None and asked.contradicted)
+        for count in range(1, 6):
+            noticed = worker_test(days(RUSH, count, rng), steady, seed=number).contradicted
+            refused.setdefault(f"rush hour, {count} day(s)", []).append(noticed)
+    for number in range(options.learned):
+        rng = np.random.default_rng([2, number])
+        learned = learn_worker_rates(days(RUSH, 40, rng))
+        foresight = Foresight(learned.presence, [1.0])
+        tested = worker_test(days(RUSH, 20, rng), foresight, learned=learned, seed=number)
+        refused["true, learned"].append(tested.contradicted)
+    shares = {name: {"reports": len(x), "refused": float(np.mean(x))} for name, x in refused.items()}
+    for name, row in shares.items():
+        print(f"{name:22} {row['reports']:5} reports, {100 * row['refused']:6.2f} % refused")
+    told = {"machine": machine("numpy", "scipy"), "level": LEVEL, "draws": DRAWS, "shares": shares}
+    write_whole(RESULTS, to_json(told) + "\n")
+
+
+if __name__ == "__main__":
+    main()
