@@ -161,6 +161,7 @@ def test_a_negative_multiplier_breaks_weak_duality_and_is_refused(random_instanc
     multipliers[2] = -40.0
     verdict = MultiplierCertificate(multipliers).check(day)
     assert verdict.residual == 40.0
+    # What the positive part of the multipliers proves.
     assert verdict.bound == pytest.approx(
         day.penalty.sum(), rel=1e-15
     )  # what the positive part of the multipliers proves
