@@ -12,6 +12,7 @@ from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, print_table, progress_bar, say, say_json
 from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import POLICY
+from optkit.models.value.catalogue import VALUES
 
 if TYPE_CHECKING:
     from optkit.instances.scenario import Split
@@ -27,7 +28,7 @@ def train(
     settings: Setting = None,
     value: Annotated[
         str,
-        typer.Option(help="Value function: linear, kernel, mean, attention, attention-levels or attention-printed."),
+        typer.Option(help=f"Value function: {', '.join(VALUES)}."),
     ] = "linear",
     choice: Annotated[
         str, typer.Option(help="Choice model: learned (one per worker group), pooled (one for all), or true.")

@@ -105,9 +105,10 @@ def train(
     source : Scenario, Split or sequence of Instance
         A scenario or a split train on their training instances and choose by their validation instances. Plain
         instances are all trained on, and the last round counts.
-    value : {"linear", "kernel", "mean", "attention", "attention-levels", "attention-printed"} or Estimator
-        The value function's form. ``"mean"`` is the mean of several light ones, and wants many instances, see
-        :class:`~optkit.models.value.mean.MeanValue`. ``"attention"`` is the network trained on differences,
+    value : str or Estimator
+        The value function's form, or its name in :data:`optkit.models.value.catalogue.VALUES`: ``"linear"``,
+        ``"kernel"``, or one of the following. ``"mean"`` is the mean of several light ones, and wants many instances,
+        see :class:`~optkit.models.value.mean.MeanValue`. ``"attention"`` is the network trained on differences,
         ``"attention-levels"`` on the levels of Algorithm 1, with settings chosen for them; both need
         ``optkit[attention]``.
     choice : {"learned", "pooled", "true"} or Preferences

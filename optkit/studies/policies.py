@@ -16,8 +16,8 @@ class Spec(NamedTuple):
     ----------
     rule : {"PP", "FP"} or None
         A tuned rule, which needs no beliefs.
-    value : {"linear", "kernel", "attention", "attention-printed"} or None
-        Its value function; None prices myopically.
+    value : str or None
+        Its value function, by name; None prices myopically.
     choice : str
         One of :data:`CHOICES`.
     """

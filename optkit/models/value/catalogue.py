@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from optkit.basics.errors import InputError
-from optkit.models.value.experience import Estimator
-from optkit.models.value.features import features_of
-from optkit.models.value.light import KernelValue, LinearValue
-from optkit.models.value.mean import MeanValue
-from optkit.models.value.ranked_term import RankedTerm
-from optkit.models.value.request_sets import SetValue
 
-LIGHT_VALUES: dict[str, type[LinearValue] | type[KernelValue]] = {
-    "LinearValue": LinearValue,
-    "KernelValue": KernelValue,
+if TYPE_CHECKING:
+    from optkit.models.value.experience import Estimator
+    from optkit.models.value.light import KernelValue, LinearValue
+    from optkit.models.value.request_sets import SetValue
+
+VALUES = {
+    "linear": ("light", "LinearValue", None),
+    "kernel": ("light", "KernelValue", None),
+    "mean": ("mean", "MeanValue", None),
+    "attention": ("attention.value", "AttentionValue", "TUNED"),
+    "attention-levels": ("attention.value", "AttentionValue", "LEVELS"),
+    "attention-printed": ("attention.value", "AttentionValue", "PRINTED"),
 }
-"""Light value functions by their kind in a file."""
+"""Value functions by name: their module here, which is loaded when it is asked for, the class, and its settings."""
 
 
 def value_of(plain: dict[str, Any]) -> SetValue:
@@ -53,13 +57,20 @@ def value_of(plain: dict[str, Any]) -> SetValue:
         network: SetValue = AttentionValue.from_dict(plain)
         return network
     if plain.get("kind") == "MeanValue":
+        from optkit.models.value.mean import MeanValue
+
         return MeanValue.from_dict(plain, value_of)
     return _light_value(plain)
 
 
 def _light_value(plain: dict[str, Any]) -> LinearValue | KernelValue:
+    from optkit.models.value.features import features_of
+    from optkit.models.value.light import KernelValue, LinearValue
+    from optkit.models.value.ranked_term import RankedTerm
+
     try:
-        made = LIGHT_VALUES[plain["kind"]](**plain["settings"])
+        kinds: dict[str, Any] = {kind.__name__: kind for kind in (LinearValue, KernelValue)}
+        made: LinearValue | KernelValue = kinds[plain["kind"]](**plain["settings"])
         made.terms_ = [
             RankedTerm(features_of(t["features"]), t["order"], t["rank_knots"], t["busy_knots"]) for t in plain["terms"]
         ]
@@ -103,13 +114,10 @@ def estimator_of(value: str | Estimator) -> Estimator:
         if not (callable(getattr(value, "fit", None)) and callable(getattr(value, "opportunity_cost", None))):
             raise InputError(f"a {type(value).__name__} is no value function: it needs fit, value and opportunity_cost")
         return value
-    light: dict[str, type[Estimator]] = {"linear": LinearValue, "kernel": KernelValue, "mean": MeanValue}
-    if value in light:
-        return light[value]()
-    networks = ("attention", "attention-levels", "attention-printed")
-    if value not in networks:
-        names = ", ".join(f'"{name}"' for name in (*light, *networks))
+    if value not in VALUES:
+        names = ", ".join(f'"{name}"' for name in VALUES)
         raise InputError(f"value = {value!r} is unknown; there are {names}")
-    from optkit.models.value.attention.value import LEVELS, PRINTED, TUNED, AttentionValue
-
-    return AttentionValue(dict(zip(networks, (TUNED, LEVELS, PRINTED), strict=True))[value])
+    place, kind, settings = VALUES[value]
+    module = import_module(f"optkit.models.value.{place}")
+    made: Estimator = getattr(module, kind)(*([] if settings is None else [getattr(module, settings)]))
+    return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -12,16 +12,8 @@ from sklearn.base import BaseEstimator
 from optkit.basics.errors import InputError
 from optkit.instances.instance import Floats
 from optkit.models.value import KernelValue, LinearValue
-from optkit.models.value.experience import Experience
-from optkit.models.value.request_sets import RequestSets, SetValue
-
-
-class Member(SetValue, Protocol):
-    """A value function that can be fitted."""
-
-    def fit(self, experience: Experience) -> Any:
-        """Fit to one round of experience."""
-        ...
+from optkit.models.value.experience import Estimator, Experience
+from optkit.models.value.request_sets import RequestSets
 
 
 class MeanValue(BaseEstimator):  # type: ignore[misc]
@@ -54,14 +46,14 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
     ['LinearValue', 'KernelValue', 'KernelValue']
     """
 
-    values_: list[Member]
+    values_: list[Estimator]
     residual_: float
-    _fitted_from: Sequence[Member] | None
+    _fitted_from: Sequence[Estimator] | None
 
     deviations: ClassVar[tuple[float, ...]] = (6.0, 1.0)
     """Exploration noise of each round, money, unless :func:`~optkit.learning.training.train` is told another."""
 
-    def __init__(self, values: Sequence[Member] | None = None) -> None:
+    def __init__(self, values: Sequence[Estimator] | None = None) -> None:
         self.values = values
 
     def fit(self, experience: Experience, y: None = None) -> Self:
@@ -90,7 +82,7 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
         self.residual_ = float(np.sqrt(np.mean([getattr(one, "residual_", np.nan) ** 2 for one in fitted])))
         return self
 
-    def members(self, groups: int) -> list[Member]:
+    def members(self, groups: int) -> list[Estimator]:
         """Return what is fitted, before it is, for so many groups of workers.
 
         Raises
@@ -163,13 +155,13 @@ class MeanValue(BaseEstimator):  # type: ignore[misc]
         made.values_, made._fitted_from = list(made.values or ()), made.values
         return made
 
-    def _fitted(self) -> list[Member]:
+    def _fitted(self) -> list[Estimator]:
         if not hasattr(self, "values_"):
             raise InputError("this MeanValue is not fitted: call fit first")
         return self.values_
 
 
-def _default(groups: int) -> list[Member]:
+def _default(groups: int) -> list[Estimator]:
     rank, busy = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0), (0.0, 1.0, 3.0, 8.0)
     hats = LinearValue(rank_knots=rank, busy_knots=busy)
     if groups == 1:

@@ -1,12 +1,21 @@
-"""Choices that are hard to fit, and their maximum likelihood estimate in 50 digits."""
+"""Choices that are hard to fit, and their maximum likelihood estimate in 50 digits.
+
+``python -m tests.models.estimation.fifty_digits 300`` fits new ones for five minutes: refused, or the estimate.
+"""
 
 from __future__ import annotations
 
+import sys
+import time
+import warnings
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
 import mpmath as mp
 import numpy as np
+
+from optkit.models.estimation import ConditionalLogit, NotIdentifiedError
 
 
 def draw(seed: int, most_sets: int = 80) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -144,3 +153,44 @@ class FiftyDigits:
         """Largest sqrt(d' A^-1 d) over the rivals d."""
         k = range(self.k)
         return mp.sqrt(max(sum(d[i] * inverse[i, j] * d[j] for i in k for j in k) for s in self.sets for d, _ in s))
+
+
+def outcome(seed, most_sets=80):
+    """Fit the choices of a seed; say "refused" or "right", or raise."""
+    data, options = draw(seed, most_sets)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* are few")
+        warnings.filterwarnings("ignore", ".* the outside option, so the level")
+        warnings.filterwarnings("error", category=RuntimeWarning)
+        try:
+            results = ConditionalLogit(**data).fit(**options)
+        except NotIdentifiedError:
+            return "refused"
+    reference = FiftyDigits(**data).estimate(results.params)
+    assert reference is not None, f"seed {seed}: there is no maximum, and fit returned {results.params}"
+    off = [abs((float(a) - b) / s) for a, b, s in zip(results.params, reference.params, reference.errors, strict=True)]
+    # In standard errors: the tolerance of the search, or what rounding of indices of 1e6 leaves of it.
+    assert max(off) <= max(1.5 * options["tol"], 1e-6), f"seed {seed}: off by {float(max(off)):.1e} standard errors"
+    assert np.allclose(results.bse, np.array([float(s) for s in reference.errors]), rtol=1e-5, atol=0), f"seed {seed}"
+    slack = max(options["tol"] ** 2, 1e-9, 1e-9 * abs(float(reference.loglike)))
+    assert abs(results.llf - float(reference.loglike)) <= slack, f"seed {seed}"
+    assert results.converged, f"seed {seed}"
+    return "right"
+
+
+def main(seconds: float, first: int = 1000) -> int:
+    """Fit new choices for so many seconds; print what came out, and each seed that went wrong."""
+    end, found, seed = time.monotonic() + seconds, Counter(), first
+    while time.monotonic() < end:
+        try:
+            found[outcome(seed, most_sets=40)] += 1
+        except Exception as error:
+            found["wrong"] += 1
+            print(f"{type(error).__name__}: {error}", flush=True)
+        seed += 1
+    print(dict(found), f"seeds {first} to {seed - 1}")
+    return found["wrong"]
+
+
+if __name__ == "__main__":
+    sys.exit(bool(main(*map(int, sys.argv[1:]))))

@@ -1,6 +1,5 @@
 """A result is the estimate, by proof, or there is none: hard choices against a reference of 50 digits."""
 
-import warnings
 from collections import Counter
 
 import numpy as np
@@ -12,29 +11,7 @@ from optkit.basics.errors import SolverError
 from optkit.models.estimation import ConditionalLogit, NotIdentifiedError
 from optkit.models.preferences.fit import fit_preferences
 from optkit.models.preferences.offers import Offers
-from tests.models.estimation.fifty_digits import FiftyDigits, draw
-
-
-def outcome(seed, most_sets=80):
-    """Fit; say "refused" or "right", or raise."""
-    data, options = draw(seed, most_sets)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".* are few")
-        warnings.filterwarnings("ignore", ".* the outside option, so the level")
-        warnings.filterwarnings("error", category=RuntimeWarning)
-        try:
-            results = ConditionalLogit(**data).fit(**options)
-        except NotIdentifiedError:
-            return "refused"
-    reference = FiftyDigits(**data).estimate(results.params)
-    assert reference is not None, f"seed {seed}: there is no maximum, and fit returned {results.params}"
-    off = [abs((float(a) - b) / s) for a, b, s in zip(results.params, reference.params, reference.errors, strict=True)]
-    # In standard errors: the tolerance of the search, or what rounding of indices of 1e6 leaves of it.
-    assert max(off) <= max(1.5 * options["tol"], 1e-6), f"seed {seed}: off by {float(max(off)):.1e} standard errors"
-    assert np.allclose(results.bse, np.array([float(s) for s in reference.errors]), rtol=1e-5, atol=0), f"seed {seed}"
-    assert results.llf == pytest.approx(float(reference.loglike), rel=1e-9, abs=max(options["tol"] ** 2, 1e-9))
-    assert results.converged
-    return "right"
+from tests.models.estimation.fifty_digits import outcome
 
 
 def test_hard_choices_are_estimated_or_refused():
