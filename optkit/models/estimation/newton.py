@@ -25,6 +25,9 @@ FLOOR = 1e-4
 REGULAR = 1e-11
 """Smallest eigenvalue of the curvature, scaled to a unit diagonal, that is not rounding."""
 
+FAR = 1e12
+"""Change of the index beyond which an objective that still rises is taken to rise for ever."""
+
 LOST = 1e-9
 """Share of a Newton step below which the curvature has nothing to do with the objective."""
 
@@ -179,12 +182,43 @@ def _climb(
                 break
             length /= 2
         else:
-            lost = True
-            break
+            # The curvature is that of a flat spot, and knows nothing of where the objective turns: go and see.
+            length = _turning_point(likelihood, penalty, params, step / scale)
+            trial = params + length * step / scale
+            with np.errstate(over="ignore", invalid="ignore"):
+                reached, *there = objective_at(trial)
+            if not reached > objective:
+                lost = True
+                break
         params, objective, (share, terms), last, whole = trial, reached, there, decrement, length == 1.0
     value = likelihood.weigh(terms)
     information = slopes.information
     return Optimum(params, value, null, share, information, decrement, iteration, converged, proven, lost)
+
+
+def _turning_point(likelihood: Likelihood, penalty: Floats, params: Floats, direction: Floats) -> float:
+    """Return how far along a direction the concave objective stops rising; 0 if it does nowhere within bounds."""
+
+    def rises(length: float) -> bool:
+        there = params + length * direction
+        slope = likelihood.slopes(*likelihood.at(there)).gradient - penalty * there
+        return bool(slope @ direction > 0)
+
+    fastest = float(np.abs(likelihood.rivals @ direction).max())
+    if not (np.isfinite(fastest) and fastest > 0):
+        return 0.0
+    low, high = 0.0, 1.0 / fastest  # one unit of the index
+    with np.errstate(over="ignore", invalid="ignore"):
+        while rises(high):
+            low, high = high, 2.0 * high
+            if high * fastest > FAR:
+                return 0.0
+        while high - low > 1e-3 * max(1.0 / fastest, 1e-12 * high):
+            middle = low + (high - low) / 2
+            if middle in (low, high):
+                break
+            low, high = (middle, high) if rises(middle) else (low, middle)
+    return low
 
 
 def _reach(likelihood: Likelihood, slopes: Slopes, penalty: Floats, decrement: float) -> tuple[float, float]:
@@ -204,7 +238,10 @@ def _reach(likelihood: Likelihood, slopes: Slopes, penalty: Floats, decrement: f
     if not blur <= FLOOR:
         return np.inf, np.inf
     rivals = likelihood.rivals
-    reach = float(np.einsum("ij,ij,j->i", rivals, rivals, unit**-2.0).max() / values[0]) ** 0.5
+    with np.errstate(over="ignore", invalid="ignore"):  # on a flat spot the reach is beyond all numbers
+        reach = float(np.einsum("ij,ij,j->i", rivals, rivals, unit**-2.0).max() / values[0]) ** 0.5
+    if not np.isfinite(reach):
+        return np.inf, np.inf
     if (decrement + blur) * reach > PROVEN or decrement * reach > SETTLED:
         reach = float(np.square(rivals @ (vectors / unit[:, None] / np.sqrt(values))).sum(axis=1).max()) ** 0.5
     return blur, reach

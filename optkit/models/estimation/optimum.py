@@ -82,6 +82,8 @@ def find_optimum(
             )
         if optimum.flat:
             refuse_flatness(optimum.information / np.outer(unit, unit), names, unit)
+    if optimum.lost and not optimum.converged:
+        refuse_flatness(optimum.information / np.outer(unit, unit), names, unit)
     if not optimum.converged:
         warnings.warn(
             f"Newton's method stopped after {optimum.iterations} steps, {optimum.decrement:.2g} standard errors "
