@@ -204,7 +204,8 @@ def _turning_point(likelihood: Likelihood, penalty: Floats, params: Floats, dire
         slope = likelihood.slopes(*likelihood.at(there)).gradient - penalty * there
         return bool(slope @ direction > 0)
 
-    fastest = float(np.abs(likelihood.rivals @ direction).max())
+    with np.errstate(over="ignore", invalid="ignore"):
+        fastest = float(np.abs(likelihood.rivals @ direction).max())
     if not (np.isfinite(fastest) and fastest > 0):
         return 0.0
     low, high = 0.0, 1.0 / fastest  # one unit of the index
