@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 FIRST_COLUMNS = (
     "instance,requests,workers,penalty,bound,gap,method,",  # optkit bound
     "instance,requests,workers,penalty,bound: full,",  # optkit certify
-    "policy,instance,reward,bound,ratio,",  # optkit evaluate
+    "policy,instance,bound,requests,workers,reward,ratio,",  # optkit evaluate
 )
 """How the tables of the verbs begin: a CSV file has no other place for a mark."""
 

@@ -29,8 +29,8 @@ class Comparison:
     Attributes
     ----------
     per_instance : DataFrame
-        One row per policy and instance: ``policy``, ``instance``, ``reward``, ``bound`` (money), ``ratio`` (per cent),
-        ``requests``, ``workers``, ``served``, ``paid`` (money).
+        One row per policy and instance: ``policy``, ``instance``, ``bound`` (money),
+        ``requests``, ``workers``, ``reward`` (money), ``ratio`` (per cent), ``served``, ``paid`` (money).
     table : DataFrame
         One row per policy, in the order given: mean ``ratio``, its ``std`` and confidence interval ``low``, ``high``;
         ``difference`` to the first policy, paired by instance, with ``difference_low``, ``difference_high``; mean

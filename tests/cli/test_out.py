@@ -34,6 +34,7 @@ VERBS = {
     "certify's figure": (["certify", "days", "--policy", "myopic", "--kinds", "full"], "ladder.png"),
     "certify's figure in PDF": (["certify", "days", "--policy", "myopic", "--kinds", "full"], "ladder.pdf"),
     "evaluate": (["evaluate", "p.json", "days"], "rows.parquet"),
+    "evaluate in CSV": (["evaluate", "p.json", "days"], "rows.csv"),
     "collect": (["collect", "days"], "offers.parquet"),
     "fit": (["fit", "log.parquet"], "fit.txt"),
     "train": (["train", "days", "--choice", "true"], "policy.json"),
