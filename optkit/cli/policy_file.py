@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, cast
 
 from optkit.basics.errors import InputError
+from optkit.basics.paths import resolved
 from optkit.basics.users_code import users_code
 
 if TYPE_CHECKING:
@@ -37,10 +38,11 @@ def own_policies(texts: Sequence[str]) -> dict[str, Policy]:
         name, path = text.rpartition(":")[2], Path(text.rpartition(":")[0])
         if not path.is_file():
             raise InputError(f"--policy {text}: there is no file {path}")
+        place = resolved(path)
         with users_code(f"--policy {text}: running {path}", InputError):
-            if path.resolve() not in modules:
-                modules[path.resolve()] = _run(path)
-            policy = vars(modules[path.resolve()]).get(name)
+            if place not in modules:
+                modules[place] = _run(path)
+            policy = vars(modules[place]).get(name)
             policy = policy() if isinstance(policy, type) else policy
         if not callable(policy):
             raise InputError(f"--policy {text}: {path} defines no policy {name}; a policy is a function of a State")
@@ -50,7 +52,7 @@ def own_policies(texts: Sequence[str]) -> dict[str, Policy]:
 
 def _run(path: Path) -> ModuleType:
     """Run a file as a module of its own, that shares no name with any other."""
-    module = ModuleType(f"policies of {path.resolve()}")
+    module = ModuleType(f"policies of {resolved(path)}")
     module.__file__ = str(path)
     code = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
     sys.modules[module.__name__] = module  # classes look their module up while they are made

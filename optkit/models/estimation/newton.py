@@ -160,7 +160,9 @@ def _climb(
         gradient = (slopes.gradient - penalty * params) / scale
         curvature = (slopes.information + np.diag(penalty)) / np.outer(scale, scale)
         step = _newton_step(curvature, gradient)
-        gain = max(float(gradient @ step), 0.0)
+        with np.errstate(over="ignore", invalid="ignore"):  # a flat spot asks for steps beyond all numbers
+            gain, direction = float(gradient @ step), step / scale
+        gain = max(gain, 0.0) if np.isfinite(gain) else np.inf
         decrement = gain**0.5
         proven, settled, blur = False, False, 0.0
         if decrement <= FLOOR or iteration == max_iterations:
@@ -172,9 +174,12 @@ def _climb(
         runaway = decrement <= RUNAWAY and not proven and (watch or stuck)
         if converged or runaway or iteration == max_iterations:
             break
+        if not np.isfinite(direction).all():
+            lost = True
+            break
         length = 1.0
         while length >= LOST:
-            trial = params + length * step / scale
+            trial = params + length * direction
             with np.errstate(over="ignore", invalid="ignore"):
                 reached, *there = objective_at(trial)
             # Near the summit the objective is flat to rounding; there the full step is right.
@@ -183,8 +188,8 @@ def _climb(
             length /= 2
         else:
             # The curvature is that of a flat spot, and knows nothing of where the objective turns: go and see.
-            length = _turning_point(likelihood, penalty, params, step / scale)
-            trial = params + length * step / scale
+            length = _turning_point(likelihood, penalty, params, direction)
+            trial = params + length * direction
             with np.errstate(over="ignore", invalid="ignore"):
                 reached, *there = objective_at(trial)
             if not reached > objective:

@@ -1,5 +1,6 @@
 """The arrival-information bound by multipliers."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -141,9 +142,10 @@ def test_where_nobody_meets_anybody_all_penalties_are_paid(random_instance, kind
     day = random_instance(np.random.default_rng(7), **kind)
     bound = arrival_dual(day)
     assert isinstance(bound, Bound)
-    assert bound.value == day.penalty.sum()
+    total = math.fsum(day.penalty)
+    assert 0 <= bound.value - total <= 1e-14 * abs(total)  # a proof rounds up
     assert bound.solver.status == "optimal"
-    assert prove(bound, day).gap == 0
+    assert 0 <= prove(bound, day).gap <= 1e-14 * abs(total)
 
 
 def test_requests_that_meet_nobody_add_their_penalty():

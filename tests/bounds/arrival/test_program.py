@@ -1,5 +1,7 @@
 """The arrival-information bound by a conic solver."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -53,8 +55,9 @@ def test_another_solver_proves_the_same(day):
 def test_where_nobody_meets_anybody_all_penalties_are_paid(random_instance, kind):
     day = random_instance(np.random.default_rng(7), **kind)
     bound = arrival_program(day)
-    assert bound.value == day.penalty.sum()
-    assert prove(bound, day).gap == 0
+    total = math.fsum(day.penalty)
+    assert 0 <= bound.value - total <= 1e-14 * abs(total)  # a proof rounds up
+    assert 0 <= prove(bound, day).gap <= 1e-14 * abs(total)
 
 
 def test_a_solver_that_is_not_there_is_refused(day):
