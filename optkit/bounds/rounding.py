@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from optkit.models.decision import Decisions, Floats
+from optkit.basics.arrays import Floats
+from optkit.models.decision import Decisions
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 

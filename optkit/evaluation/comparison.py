@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
 from optkit.bounds import Bound
-from optkit.instances.instance import Floats, Instance
+from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
 from optkit.simulation.metrics import check_finite, mean_interval, performance_ratio
 from optkit.simulation.simulator import Policy, simulate

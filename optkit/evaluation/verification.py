@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError, SolverError
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.pricing import certify, optimal_prices
 from optkit.models.pricing_program import PricingProgram
 from optkit.policies import PostDecisionPricing

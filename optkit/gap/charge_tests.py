@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from optkit.basics.arrays import Floats
 from optkit.gap.rows import ROUNDING
 from optkit.gap.simulated_test import ProcessTest
-from optkit.instances.instance import Floats
 
 
 def charge_test(

@@ -11,12 +11,12 @@ from itertools import product
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound
 from optkit.bounds.fluid.bound import FluidModel, fluid_bound
 from optkit.bounds.fluid.prices import FluidPrices
 from optkit.bounds.penalised.presence import presence_at
-from optkit.instances.instance import Floats, Ints
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario
 from optkit.simulation.state import State

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.basics.arrays import read_only
+from optkit.basics.arrays import Bools, Floats, Ints, read_only
 from optkit.bounds.arrival.policy_value import Offer
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
 from optkit.simulation.simulator import Policy, offers
-from optkit.simulation.state import Bools, State
+from optkit.simulation.state import State
 
 
 def lattice_offers(instance: Instance, policy: Policy) -> Offer:

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from optkit.basics.arrays import Floats
 from optkit.basics.seeds import Stream, stream
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.gap.simulated_test import DRAWS, ProcessTest, stands_out
-from optkit.instances.instance import Floats, Instance
+from optkit.instances.instance import Instance
 
 PARTS = 8
 """Parts of the day in which arrivals are counted."""

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import PolicyError, SolverError
 from optkit.basics.seeds import Stream, stream
 from optkit.bounds import Bound, arrival_information, full_information
@@ -26,7 +26,7 @@ from optkit.bounds.penalised.charges import Charges, KeptCharges
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.penalized import PenalizedCertificate, idle_steps, penalized, penalized_program
 from optkit.gap.policy_offers import lattice_offers
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.value.request_sets import SetValue
 from optkit.simulation.batch import Batch
 from optkit.simulation.simulator import Policy, simulate

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Floats
 
 DRAWS = 999
 """Simulated data sets: the smallest p-value is one in a thousand."""

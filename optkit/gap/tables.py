@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Floats
 from optkit.simulation.metrics import MeanInterval
 
 if TYPE_CHECKING:

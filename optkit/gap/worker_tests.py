@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.seeds import Stream, stream
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.gap.simulated_test import DRAWS, ProcessTest, stands_out
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.learning.worker_rates import WorkerRates
 
 PARTS = (1, 4, 12)

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.memory import check_memory
 from optkit.basics.seeds import check_count
-from optkit.instances.instance import DENSE_NOISE_LIMIT, Floats, Instance, Ints, fifo_queue
+from optkit.instances.instance import DENSE_NOISE_LIMIT, Instance, fifo_queue
 from optkit.instances.settings import ScenarioSettings
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import read_only
+from optkit.basics.arrays import Floats, read_only
 from optkit.basics.users_code import name_of, users_code
-from optkit.instances.instance import Floats
 from optkit.learning.worker_presence import presence_after
 from optkit.models.preferences.preferences import Preferences
 from optkit.models.value.experience import Workers

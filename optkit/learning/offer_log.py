@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.preferences.offers import Offers
 from optkit.simulation.simulator import Policy, simulate
 from optkit.simulation.state import State

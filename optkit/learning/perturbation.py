@@ -6,9 +6,9 @@ from collections.abc import Collection
 
 import numpy as np
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
 from optkit.basics.seeds import check_seed
-from optkit.instances.instance import Floats
 from optkit.instances.scenario import Scenario
 from optkit.models.preferences.attributes import Attributes
 from optkit.models.preferences.preferences import Preferences

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, check_seed, stream
-from optkit.instances.instance import Floats, Instance
+from optkit.instances.instance import Instance
 from optkit.learning.offer_log import collect
 from optkit.models.estimation import EstimationWarning, NotIdentifiedError, identification
 from optkit.models.preferences.attributes import Attributes

@@ -18,10 +18,10 @@ from typing import Any, Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optkit.basics.arrays import floats, number, read_only, whole_number
+from optkit.basics.arrays import Floats, Ints, floats, number, read_only, whole_number
 from optkit.basics.errors import InputError, TrainingError
 from optkit.basics.users_code import name_of, users_code
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario, Split
 from optkit.instances.splits import training_split
 from optkit.learning.beliefs import BelievedValue, believed_requests, believed_workers

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.basics.arrays import Bools
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Bools, Floats
 from optkit.instances.queue import busy_steps
 
 LONGEST = 12

@@ -15,9 +15,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.bounds.penalised.presence import CERTAIN, fifo_presence
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.instances.queue import busy_steps
 
 SLOTS = 24

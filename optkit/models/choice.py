@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from optkit.models.decision import Floats, Given
+from optkit.basics.arrays import Floats
+from optkit.models.decision import Given
 
 
 def acceptance_probabilities(

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.convex_solver import run
-from optkit.models.decision import Floats, Given
+from optkit.models.decision import Given
 from optkit.models.pricing import enclosure
 from optkit.models.pricing.compensated import compensated_sum
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import number
+from optkit.basics.arrays import Floats, number
 from optkit.basics.seeds import check_seed, step_generator
-from optkit.instances.instance import Floats
 from optkit.simulation.simulator import Policy, offers
 from optkit.simulation.state import State
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import number
+from optkit.basics.arrays import Floats, number
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats
 from optkit.simulation.state import State
 
 

@@ -7,10 +7,9 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.arrays import MOST_MONEY, Bools, check_shape, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, check_shape, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.basics.users_code import name_of, users_code
-from optkit.instances.instance import Floats
 from optkit.models.pricing import optimal_prices
 from optkit.simulation.state import State
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from optkit.basics.arrays import number
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Floats, number
 from optkit.simulation.state import State
 
 

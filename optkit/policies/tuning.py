@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import floats, real
+from optkit.basics.arrays import Floats, floats, real
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats, Instance
+from optkit.instances.instance import Instance
 from optkit.policies.formula import Formula, formula
 from optkit.policies.reward_percentage import RewardPercentage
 from optkit.simulation.batch import Batch

@@ -10,9 +10,9 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from optkit.basics.arrays import ReadOnlyArrays, read_only
+from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, read_only
 from optkit.basics.errors import InputError, InstanceError
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.instances.queue import busy_steps
 
 STEP_BYTES, MOST_BYTES = 24, 8e9

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from optkit.basics.arrays import real
+from optkit.basics.arrays import Floats, real
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, read_only, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, read_only, real
 from optkit.basics.errors import PolicyError
 from optkit.basics.users_code import name_of, users_code
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
-from optkit.simulation.state import Bools, State
+from optkit.simulation.state import State
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import ReadOnlyArrays, read_only
-from optkit.instances.instance import Floats, Ints
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, read_only
 from optkit.simulation.batch import Batch
-
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

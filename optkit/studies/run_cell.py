@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, stream
 from optkit.bounds import arrival_information, full_information
@@ -15,7 +16,7 @@ from optkit.bounds.bound import prove
 from optkit.gap.charging import scenario_charging
 from optkit.gap.report import gap_report
 from optkit.instances.catalogue import scenario
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario, Split
 from optkit.learning.perturbation import perturb, true_preferences
 from optkit.learning.rounds import learn_once, learn_preferences

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Floats
 from optkit.simulation.metrics import MeanInterval, mean_interval, performance_ratio
 from optkit.studies.cells import Cell
 from optkit.studies.run_cell import Result

@@ -84,7 +84,7 @@ def test_run_is_reproducible_and_replaces_only_its_own_results(small, finished, 
     (tmp_path / "diary").mkdir()
     (tmp_path / "diary" / "day.txt").write_text("dear diary")
     done = optkit("run", small, "--out", tmp_path / "diary", check=2)
-    assert "holds no results" in done.stderr
+    assert "holds 'day.txt', which is no part of the results of optkit run" in done.stderr
     assert (tmp_path / "diary" / "day.txt").read_text() == "dear diary"
 
 

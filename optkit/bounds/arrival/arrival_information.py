@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.exact import EXACT_LIMIT, arrival_exact, check_limit, checked_multipliers, solve_subsets
-from optkit.bounds.arrival.lattice import Bools, lattice_bits
+from optkit.bounds.arrival.lattice import lattice_bits
 from optkit.bounds.bound import Bound
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 
 if TYPE_CHECKING:
     from optkit.bounds.arrival.market import MultiplierCertificate

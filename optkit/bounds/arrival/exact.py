@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import floats, whole_number
+from optkit.basics.arrays import Bools, Floats, floats, whole_number
 from optkit.basics.errors import InputError, SolverError
-from optkit.bounds.arrival.lattice import Bools, lattice_bits, stages
+from optkit.bounds.arrival.lattice import lattice_bits, stages
 from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
-from optkit.instances.instance import Floats, Instance
+from optkit.instances.instance import Instance
 
 KIND = "arrival information"
 

@@ -13,11 +13,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-from optkit.instances.instance import Instance, Ints
-
-Bools = npt.NDArray[np.bool_]
+from optkit.basics.arrays import Bools, Ints
+from optkit.instances.instance import Instance
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,10 +25,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import floats
+from optkit.basics.arrays import Floats, Ints, floats
 from optkit.bounds.bound import Verdict
 from optkit.bounds.rounding import EPS, sum_up
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.pricing.closed_form import profit_ratio
 
 

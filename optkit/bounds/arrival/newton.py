@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.market import OpenPairs
-from optkit.instances.instance import Floats
 
 LOOSE = 0.03
 """Mean part of a request that may be served too often, or too little, when the factor on mu is halved."""

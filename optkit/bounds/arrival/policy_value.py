@@ -7,10 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, Bools, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.bounds.arrival.subsets import Charge, SubsetProgram
-from optkit.instances.instance import Floats, Ints
 from optkit.models.choice import softmax_with_outside
 
 Offer = Callable[[int, int, Ints, Bools], Floats]

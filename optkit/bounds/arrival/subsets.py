@@ -19,10 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import InputError
-from optkit.bounds.arrival.lattice import Bools, Stage, reachable
+from optkit.bounds.arrival.lattice import Stage, reachable
 from optkit.bounds.rounding import EPS, sufficient_rise, sum_up
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions
 from optkit.models.pricing import closed_form

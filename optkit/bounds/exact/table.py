@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optkit.basics.arrays import Floats
 from optkit.bounds.exact.exact_value import ExactSolution
-from optkit.instances.instance import Floats
 from optkit.models.value.request_sets import RequestSets
 
 

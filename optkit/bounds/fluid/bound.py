@@ -22,12 +22,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import floats, ints, real, whole_number
+from optkit.basics.arrays import Floats, Ints, floats, ints, real, whole_number
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.newton import check_options, minimise
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 
 
 @dataclass(frozen=True, eq=False)

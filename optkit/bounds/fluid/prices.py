@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound
 from optkit.bounds.fluid.bound import FluidCertificate, FluidModel
-from optkit.instances.instance import Floats
 
 ENOUGH = 1e-12
 """How far above 1 the logarithm of a request's expected services may end."""

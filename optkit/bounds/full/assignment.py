@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Verdict
 from optkit.bounds.full.edges import edges, pair_values
 from optkit.bounds.full.shadow_prices import repair
 from optkit.bounds.rounding import sum_up
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 
 
 @dataclass(frozen=True, eq=False)

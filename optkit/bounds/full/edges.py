@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.bounds.rounding import add_up
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 
 
 class PairValues(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.instances.instance import Floats, Ints
+from optkit.basics.arrays import Floats, Ints
 
 
 def dense_matching(matrix: Floats) -> tuple[Ints, Ints]:

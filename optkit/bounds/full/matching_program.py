@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import SolverError
 from optkit.bounds.full.edges import Edges
-from optkit.instances.instance import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

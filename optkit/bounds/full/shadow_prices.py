@@ -22,9 +22,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.bounds.full.edges import Edges
 from optkit.bounds.rounding import add_up
-from optkit.instances.instance import Floats, Ints
 
 ROUNDING = 1e-13
 """Rises of z below this part of the largest value are rounding: with ties they would circulate for ever."""

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import SolverError
 from optkit.bounds.full.edges import Edges
 from optkit.bounds.full.matching import sparse_matching
 from optkit.bounds.full.shadow_prices import duals_of_matching
-from optkit.instances.instance import Floats, Ints
 
 GAP = 1e-9
 """Proven gap, as a part of the matching's value, up to which stitched windows count as optimal."""

@@ -19,13 +19,13 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import floats, number, whole_number
+from optkit.basics.arrays import Floats, floats, number, whole_number
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.newton import minimise
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.linear_charges import LinearCharges
-from optkit.instances.instance import Floats, Instance
+from optkit.instances.instance import Instance
 
 INNER = 1e-6
 """Tolerance of the dual at each theta: less than what theta still changes when it is left."""

@@ -20,9 +20,9 @@ from functools import cached_property
 
 import numpy as np
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.bounds.penalised.foresight import Foresight, Outlook, Surroundings, surroundings
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.decision import Decisions
 from optkit.models.pricing.closed_form import nonnegative
 from optkit.models.value.request_sets import RequestSets, SetValue

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import floats, whole_number
+from optkit.basics.arrays import Floats, Ints, floats, whole_number
 from optkit.basics.errors import InputError
 from optkit.bounds.penalised.presence import CERTAIN as CERTAIN
 from optkit.bounds.penalised.presence import LONGEST as LONGEST
 from optkit.bounds.penalised.presence import fifo_presence as fifo_presence
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.value.request_sets import KnownRequests
 
 HAND = 60

@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import floats, number
+from optkit.basics.arrays import Floats, Ints, floats, number
 from optkit.bounds.penalised.foresight import Foresight
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.value.ranked_term import hats, knots
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.exact import check_limit, checked_multipliers
 from optkit.bounds.arrival.lattice import stages
@@ -16,7 +16,7 @@ from optkit.bounds.bound import Bound, SolverRecord, Verdict
 from optkit.bounds.penalised.charges import Charges, KeptCharges
 from optkit.bounds.penalised.foresight import Foresight, join_requests
 from optkit.bounds.rounding import sum_up
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 from optkit.models.value.request_sets import SetValue
 
 KIND = "penalised arrival information"

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.newton import check_options, minimise
@@ -24,7 +25,7 @@ from optkit.bounds.full.edges import Edges, pair_values
 from optkit.bounds.full.shadow_prices import repair
 from optkit.bounds.full.windows import solve_by_windows, value_of_pairs
 from optkit.bounds.penalised.linear_charges import LinearCharges
-from optkit.instances.instance import Floats, Instance, Ints
+from optkit.instances.instance import Instance
 
 EPS = float(np.finfo(float).eps)
 

@@ -16,9 +16,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import floats, whole_number
+from optkit.basics.arrays import Floats, floats, whole_number
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats
 
 CERTAIN = 40.0
 """Workers who join in a step, in the mean, beyond which one is there for sure: exp(-40) is less than rounding."""

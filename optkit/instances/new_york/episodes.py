@@ -10,8 +10,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import DataError
-from optkit.instances.instance import Floats
 from optkit.instances.new_york.trips import Mask, Times, Trips
 
 Mode: TypeAlias = Literal["folded", "mondays"]

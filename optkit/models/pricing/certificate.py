@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import Bools, Floats
 from optkit.basics.errors import InputError
-from optkit.models.decision import Bools, Floats, Given
+from optkit.models.decision import Given
 from optkit.models.pricing import closed_form, enclosure
 
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import wrightomega
 
-from optkit.basics.arrays import Ints
-from optkit.models.decision import Bools, Decisions, Floats
+from optkit.basics.arrays import Bools, Floats, Ints
+from optkit.models.decision import Decisions
 
 
 @dataclass(frozen=True)

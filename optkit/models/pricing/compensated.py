@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.models.decision import Floats
+from optkit.basics.arrays import Floats
 
 EPS = float(np.finfo(float).eps)
 

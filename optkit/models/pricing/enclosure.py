@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optkit.models.decision import Bools, Floats, Given
+from optkit.basics.arrays import Bools, Floats
+from optkit.models.decision import Given
 from optkit.models.pricing.compensated import EPS, compensated_sum
 
 SMALLEST = 4 * float(np.finfo(float).smallest_subnormal)

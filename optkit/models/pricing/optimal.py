@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
-from optkit.models.decision import Decisions, Floats, Given, largest
+from optkit.models.decision import Decisions, Given, largest
 from optkit.models.pricing import closed_form
 from optkit.models.pricing.certificate import PriceCertificate, certify
 

@@ -8,9 +8,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, ReadOnlyArrays, read_only
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, read_only
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats, Ints
 from optkit.models.decision import Decisions
 from optkit.models.pricing.closed_form import nonnegative
 from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, costs_of, costs_without, values_of

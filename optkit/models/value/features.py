@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optkit.basics.arrays import real
+from optkit.basics.arrays import Floats, real
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats
 from optkit.models.value.ranked_term import hats, is_group, knots
 from optkit.models.value.request_sets import KnownRequests, RequestSets
 

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator
 
-from optkit.basics.arrays import number
+from optkit.basics.arrays import Floats, Ints, number
 from optkit.basics.errors import InputError, TrainingError
-from optkit.instances.instance import Floats, Ints
 from optkit.models.value.ranked_term import RankedTerm
 from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, costs_without
 

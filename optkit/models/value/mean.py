@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from sklearn.base import BaseEstimator
 
+from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats
 from optkit.models.value import KernelValue, LinearValue
 from optkit.models.value.experience import Estimator, Experience
 from optkit.models.value.request_sets import RequestSets

@@ -17,9 +17,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, ReadOnlyArrays, floats
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, floats
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats, Ints
 from optkit.models.value.request_sets import RequestSets
 
 

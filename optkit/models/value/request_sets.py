@@ -10,9 +10,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, ReadOnlyArrays, read_only, real
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, read_only, real
 from optkit.basics.errors import InputError, TrainingError
-from optkit.instances.instance import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

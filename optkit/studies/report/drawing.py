@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Floats
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optkit.instances.instance import Floats
+from optkit.basics.arrays import Floats
 from optkit.plotting.files import new_figure
 from optkit.studies.report.drawing import Tables, first_world, of_new_york, of_scenario, title_of
 

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import embedding_bag, silu
 
+from optkit.basics.arrays import Floats, Ints
 from optkit.basics.errors import InputError
-from optkit.instances.instance import Floats, Ints
 from optkit.models.value.request_sets import KnownRequests, RequestSets
 
 EMBEDDING, ATTENTION, HIDDEN, SET_INPUTS = 32, 64, 16, 3

@@ -14,9 +14,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import huber_loss, mse_loss
 
-from optkit.basics.arrays import Bools
+from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import TrainingError
-from optkit.instances.instance import Floats, Ints
 from optkit.models.value.attention.network import (
     AttentionNetwork,
     FrozenAttention,

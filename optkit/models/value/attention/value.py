@@ -17,9 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator
 
-from optkit.basics.arrays import floats, whole_number
+from optkit.basics.arrays import Floats, floats, whole_number
 from optkit.basics.errors import InputError, MissingExtraError
-from optkit.instances.instance import Floats
 from optkit.models.value.attention.settings import LEVELS, PRINTED, TUNED, AttentionSettings
 from optkit.models.value.experience import Experience
 from optkit.models.value.request_sets import RequestSets
