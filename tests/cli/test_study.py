@@ -12,9 +12,32 @@ from optkit.studies.store import CellStore
 from tests import command_line
 from tests.command_line import strict
 
+DRAWS = 2
+"""Of each wrong belief, here."""
+
 SETTINGS = {"split": (20, 4, 4), "horizon": 6}
 SMALL = ["--set", "split=20,4,4", "--set", "horizon=6"]
 FEW = ["--set", "split=6,4,2", "--set", "horizon=20"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_draws():
+    """A fifth of the wrong beliefs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(grids, "DRAWS", DRAWS)
+        yield
+
+
+@pytest.fixture
+def few_cells(monkeypatch):
+    """The bounds and the first cells of each kind, of one scenario."""
+    whole = grids.Study.cells
+
+    def few(study):
+        cells = [cell for cell in whole(study) if cell.place == whole(study)[0].place]
+        return [cell for i, cell in enumerate(cells) if [one.kind for one in cells[:i]].count(cell.kind) < 2]
+
+    monkeypatch.setattr(grids.Study, "cells", few)
 
 
 @pytest.fixture
@@ -42,22 +65,22 @@ def test_a_study_is_planned_run_and_not_run_again(study, finished):
     """Plan, results, and a second call that works nothing out and writes the same files."""
     folder, planned, run = finished
     common = ["sensitivity", *SMALL, "--out", folder, "--jobs", 1]
-    assert "sensitivity: 154 cells (2 bounds, 152 perturbed), 154 to be worked out" in planned
+    assert "sensitivity: 34 cells (2 bounds, 32 perturbed), 34 to be worked out" in planned
     (told,) = strict(run)
-    assert (told["cells"], told["fresh"], told["failed"]) == (154, 154, {})
+    assert (told["cells"], told["fresh"], told["failed"]) == (34, 34, {})
     assert {claim["result"] for claim in told["claims"]} == {2, 4}
     first = files(folder / "sensitivity")
     assert "report.html" in first
-    assert len(pd.read_csv(folder / "sensitivity" / "sensitivity.csv")) == 152
+    assert len(pd.read_csv(folder / "sensitivity" / "sensitivity.csv")) == 32
     status, out, _ = study(*common)
     assert status == 0
-    assert "154 of 154 cells, 0 worked out now" in out
+    assert "34 of 34 cells, 0 worked out now" in out
     assert files(folder / "sensitivity") == first
     status, out, _ = study(*common, "--dry-run", "--json")
     assert strict(out)[0]["missing"] == 0
 
 
-def test_force_works_out_anew(study, tmp_path):
+def test_force_works_out_anew(study, few_cells, tmp_path):
     """All cells again, here in one process after two: the same tables."""
     common = ["heterogeneous", *SMALL, "--out", tmp_path, "--no-gap", "--seeds", 1, "--json"]
     before = strict(study(*common, "--jobs", 2)[1])[0]
@@ -81,7 +104,7 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_p
     """The cells of one draw fail, and are named; all others are there, and make the report."""
     shutil.copytree(finished[0] / "cells", tmp_path / "cells")
     store = CellStore(tmp_path / "cells")
-    lost = [c for c in grids.Study("sensitivity", settings=SETTINGS).cells() if c.settings.get("draw") == 3]
+    lost = [c for c in grids.Study("sensitivity", settings=SETTINGS).cells() if c.settings.get("draw") == 1]
     for cell in lost:
         store.path(cell).unlink()
 
@@ -91,9 +114,9 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_p
     monkeypatch.setattr(runner, "run_cell", fail)
     status, out, err = study("sensitivity", *SMALL, "--out", tmp_path, "--jobs", 1)
     assert status == 1
-    assert "failed: I.1, world 0: perturbed, epsilon 2.0, draw 3, value linear, seed 0: ValueError: no luck" in err
+    assert "failed: I.1, world 0: perturbed, epsilon 2.0, draw 1, value linear, seed 0: ValueError: no luck" in err
     assert len(lost) == 15
-    assert "139 of 154 cells, 0 worked out now" in out
+    assert "19 of 34 cells, 0 worked out now" in out
     assert (tmp_path / "sensitivity" / "report.html").exists()
 
 
@@ -123,7 +146,7 @@ def test_bad_input_is_one_line(study, arguments, message, tmp_path):
     assert len(err.strip().splitlines()) == 1
 
 
-def test_the_paper_s_own_selection_of_trips(study, tmp_path, trip_a_minute):
+def test_the_paper_s_own_selection_of_trips(study, few_cells, tmp_path, trip_a_minute):
     """Options reach the cells and the report's settings."""
     trips = trip_a_minute(60_000, pickups=(261, 236, 43))
     common = ["nyc", "--trips", trips, "--mode", "mondays", "--fraction", 0.9, *FEW]
