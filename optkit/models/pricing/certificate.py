@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from optkit.basics.arrays import Bools, Floats
 from optkit.basics.errors import InputError
-from optkit.models.decision import Given
+from optkit.models.decision import Decisions, Given
 from optkit.models.pricing import closed_form, enclosure
 
 
@@ -154,3 +154,29 @@ def certify(
         undecided=undecided.reshape(one)[()],
         tolerance=tolerance,
     )
+
+
+def dual_bound(d: Decisions, nonnegative: bool) -> tuple[Floats, Floats]:
+    """Return a feasible R of the dual for decisions in logarithms, and their rounding, both (S, 1), in money.
+
+    :func:`certify` proves prices of given money; this is for decisions that are made of others, as those of many
+    requests of one kind, whose logits are all that there is.
+
+    Examples
+    --------
+    >>> d = Given.of("value", [[3.0, 2.0]], [[0.0, 1.0]], 1.0, 0.0, None).decisions()
+    >>> bound, rounding = dual_bound(d, True)
+    >>> float((bound - closed_form.nonnegative(d).ratio).item()) < 1e-13, float(rounding.item()) < 1e-13
+    (True, True)
+    """
+    ratio = (closed_form.nonnegative(d) if nonnegative else closed_form.unconstrained(d)).ratio
+    magnitude = np.abs(d.value) / d.mu + np.abs(d.logit)
+    if d.offered is not None:
+        magnitude = np.where(d.offered, magnitude, 0.0)
+    size = magnitude.max(axis=1, keepdims=True, initial=0.0) + np.abs(ratio) + 1.0
+    rounding = 16 * np.finfo(float).eps * size
+    bound, step = ratio + rounding, rounding
+    while (short := closed_form.dual_slack(d, bound, nonnegative) < 0).any():
+        step = np.where(short, 2 * step, step)
+        bound = np.where(short, bound + step, bound)
+    return d.mu * bound, 4 * rounding * d.mu

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.special import wrightomega
 
 from optkit.basics.errors import InputError
+from optkit.models.decision import Given
 from optkit.models.pricing import optimal_prices
-from optkit.models.pricing.certificate import certify
+from optkit.models.pricing.certificate import certify, dual_bound
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -289,3 +290,14 @@ def test_padding_behind_the_mask_does_not_soften_the_verdict():
 def test_an_unknown_sign_constraint_is_refused():
     with pytest.raises(InputError, match="nonnegative"):
         certify([1.0], [1.0], [1.0], nonnegative="clip")
+
+
+@bounded
+@given(seeds, sizes, forms)
+def test_the_dual_bound_of_logarithms_lies_just_above_the_profit(seed, n, nonnegative):
+    v, u, choice = draw(seed, n)
+    d = Given.of("value", v[None], u[None], choice["mu"], choice["outside_utility"], None).decisions()
+    bound, rounding = dual_bound(d, nonnegative)
+    profit = optimal_prices(v, u, nonnegative=nonnegative, **choice).profit
+    # Profits of at most 10, rounded.
+    assert -1e-13 <= bound.item() - profit <= rounding.item() + 1e-13 <= 2e-12
