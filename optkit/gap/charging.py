@@ -88,7 +88,7 @@ def scenario_charging(
     source: Scenario,
     *,
     training: int | None = None,
-    pool: int = POOL,
+    pool: int | None = None,
     draws: int = 8,
     estimator: Estimator | None = None,
 ) -> Charging:
@@ -102,7 +102,8 @@ def scenario_charging(
     source : Scenario
         From :func:`optkit.scenario`.
     training, pool : int
-        Numbers of instances to draw: for the value function, by default by :data:`TRAINING`, and for arrivals.
+        Numbers of instances to draw: for the value function, by default by :data:`TRAINING`, and for arrivals, by
+        default :data:`POOL`.
     draws : int
         Arrival sets per step, see :class:`~optkit.bounds.penalised.foresight.Foresight`.
     estimator : Estimator, optional
@@ -131,6 +132,7 @@ def scenario_charging(
     one = charging_value(groups) if estimator is None else estimator
     workers = f"workers join the queue at {rate:g} a step (Poisson), of {groups} equally likely group(s)"
     share, presence = np.full(groups, 1.0 / groups), fifo_presence(rate, max(LONGEST, source.settings.horizon))
+    pool = POOL if pool is None else pool
     if training is None:
         training = min(MOST, round(TRAINING / max(1.0, source.settings.request_rate * source.settings.horizon)))
     fitted = train(source.further("train", training), one, choice="true")

@@ -25,9 +25,11 @@ SMALL = ["--set", "split=40,4,10", "--set", "horizon=15"]
 def certify(optkit, monkeypatch):
     """Run the verb in this process; return exit status, output and errors.
 
-    Value functions for charges are trained on few instances: they prove less, but as surely.
+    Value functions for charges are trained on few instances, and arrivals drawn from few: they prove less, but as
+    surely.
     """
     monkeypatch.setattr(charging, "MOST", 60)
+    monkeypatch.setattr(charging, "POOL", 240)
     return partial(optkit, "certify")
 
 

@@ -130,7 +130,8 @@ def test_bound_reports_a_solver_that_gave_up(small):
 
 def test_bound_kinds_agree_with_the_library(tmp_path, monkeypatch):
     """Bounds of arrivals and the fluid are the library's; the penalised are proven, and only their mean counts."""
-    monkeypatch.setattr(charging, "MOST", 80)  # fewer instances to train on prove less, but as surely
+    monkeypatch.setattr(charging, "MOST", 80)  # fewer instances to train on and to draw from prove less, but as surely
+    monkeypatch.setattr(charging, "POOL", 240)
     source = scenario("I.2", seed=3, horizon=15)
     few = ["--set", "horizon=15", "--count", 6, "--sample-seed", 5]
     optkit("generate", "I.2", "--seed", 3, *few, "--out", tmp_path / "set", check=0)
