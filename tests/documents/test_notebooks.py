@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from urllib.request import urlopen
 
+import matplotlib.font_manager  # noqa: F401 - builds its cache here; the first notebook's process would say that it does
 import numpy as np
 import pytest
 
