@@ -2,6 +2,7 @@
 
 import ast
 import os
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,15 +14,20 @@ from optkit.basics.paths import resolved
 ROOT = Path(optkit.__file__).parent
 
 
+@cache
+def every_call():
+    """Every call of a function or method in the kit: its name, file and node."""
+    return [
+        (getattr(node.func, "attr", None) or getattr(node.func, "id", None), file.relative_to(ROOT).as_posix(), node)
+        for file in ROOT.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+    ]
+
+
 def calls(name):
-    """Calls of a function or method of that name in the kit: file, line and keywords."""
-    for file in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and name in (
-                getattr(node.func, "attr", None),
-                getattr(node.func, "id", None),
-            ):
-                yield file.relative_to(ROOT).as_posix(), node
+    """Calls of a function or method of that name in the kit: file and node."""
+    return [(file, node) for called, file, node in every_call() if called == name]
 
 
 def test_links_are_followed_and_loops_are_said(tmp_path, monkeypatch):
