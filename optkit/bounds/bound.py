@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from optkit.basics.errors import SolverError
+import numpy as np
+
+from optkit.basics.errors import OptkitError, SolverError
 
 ROUNDING = 1e-9
 """Part of the money in play that sums in another order, on another machine, may differ by."""
@@ -83,7 +85,12 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     ...
     optkit.basics.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
     """
-    verdict = bound.certificate.check(subject)
+    try:
+        verdict = bound.certificate.check(subject)
+    except OptkitError:
+        raise
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        raise SolverError(f"the certificate is no certificate of this bound ({error})") from error
     if not verdict.residual <= 0:
         raise SolverError(f"the certificate's solution breaks a constraint by {verdict.residual:.3g}")
     _finite(verdict.bound)
@@ -151,7 +158,9 @@ class Bound:
         _finite(self.value)
 
 
-def _finite(bound: float) -> None:
+def _finite(bound: Any) -> None:
+    if isinstance(bound, bool) or not isinstance(bound, float | int | np.number):
+        raise SolverError(f"the bound is {bound!r}, which is no number")
     if not math.isfinite(bound):
         raise SolverError(
             f"the bound is {bound}, which bounds nothing: money, or money in units of mu, is beyond what floats hold"

@@ -191,6 +191,7 @@ def worker_charging(
     """
     batch = Batch.of(instances)
     groups = batch.groups
+    given = "given " if share is not None else ""
     if isinstance(rate, WorkerRates):
         learned: WorkerRates | None = rate
         presence, share = rate.presence, rate.share if share is None else share
@@ -206,7 +207,7 @@ def worker_charging(
         raise InputError(f"{shares.size} shares for {groups} groups of workers: give one for each")
     foresight = Foresight(presence, shares)
     fitted = train(instances, charging_value(groups) if estimator is None else estimator, choice="true")
-    of_groups = "" if groups == 1 else f", of groups with shares {', '.join(f'{s:g}' for s in shares)}"
+    of_groups = "" if groups == 1 else f", of groups with {given}shares {', '.join(f'{s:g}' for s in shares)}"
     told = (
         f"workers are assumed to join a queue at {rates} (Poisson){of_groups}; else no penalised bound holds",
         "requests: nothing is assumed, nor charged for",

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dis
 import functools
 import hashlib
+import importlib
 import pickle
 import sys
 import types
@@ -64,7 +65,7 @@ class _Digest:
         self.alive: list[object] = []  # an address must not be used again meanwhile
 
     def of(self, x: Any) -> bytes:
-        if x is None or isinstance(x, bool | int | float | complex | str | bytes):
+        if x is None or type(x) in (bool, int, float, complex, str, bytes):
             return _sum(type(x).__name__, repr(x))
         if isinstance(x, types.CodeType):
             return self._code(x)
@@ -72,13 +73,13 @@ class _Digest:
             return _sum("met", str(self.met[id(x)]))
         self.met[id(x)] = len(self.met)
         self.alive.append(x)
-        if isinstance(x, np.ndarray | np.generic) and x.dtype.kind != "O":
+        if (type(x) is np.ndarray or isinstance(x, np.generic)) and x.dtype.kind != "O":
             return _sum("array", str(x.dtype), str(x.shape), x.tobytes())
-        if isinstance(x, dict):
+        if type(x) is dict:
             return _sum("dict", *(part for key, value in x.items() for part in (self.of(key), self.of(value))))
-        if isinstance(x, set | frozenset):
+        if type(x) in (set, frozenset):
             return _sum("set", *sorted(_Digest().of(one) for one in x))
-        if isinstance(x, list | tuple | np.ndarray):
+        if type(x) in (list, tuple, np.ndarray):
             return _sum(type(x).__name__, *map(self.of, x))
         if isinstance(x, types.ModuleType):
             return self._module(x)
@@ -88,6 +89,8 @@ class _Digest:
             return _sum("partial", *map(self.of, (x.func, x.args, x.keywords)))
         if isinstance(x, types.FunctionType | type | types.BuiltinFunctionType | np.ufunc):
             return self._named(x)
+        if hasattr(x, "__wrapped__"):  # what functools.lru_cache makes, for one
+            return _sum("wrapped", self.of(type(x)), self.of(x.__wrapped__))
         return self._object(x)
 
     def _module(self, x: types.ModuleType) -> bytes:
@@ -95,17 +98,20 @@ class _Digest:
         release = _release(x.__name__)
         if release is not None:
             return _sum("module", x.__name__, release)
-        taken = (types.ModuleType, types.FunctionType, type)
-        more = [self.of(value) for value in list(vars(x).values()) if isinstance(value, taken)]
+        own = {name: value for name, value in list(vars(x).items()) if not name.startswith("__")}
+        more = [part for name, value in own.items() for part in (name, self.of(value))]
         file = getattr(x, "__file__", None)
         return _sum("own module", Path(file).read_bytes() if file and Path(file).is_file() else b"", *more)
 
     def _named(self, x: Any) -> bytes:
         """Return the digest of a function or class: by its name if a package has it, else by what it is made of."""
         module, name = getattr(x, "__module__", None) or "builtins", getattr(x, "__qualname__", x.__name__)
-        release = _release(module)
+        # Code that was run without a module's name says that it is of the builtins, and is somebody's own.
+        release = None if module == "builtins" and isinstance(x, types.FunctionType) else _release(module)
         closure = () if isinstance(x, type) else getattr(x, "__closure__", None) or ()
         cells = [self.of(cell.cell_contents) for cell in closure]
+        if isinstance(x, np.ufunc) and name.endswith("(vectorized)"):
+            raise TypeError("np.frompyfunc hides the function that it was made of")
         if release is not None or not isinstance(x, types.FunctionType | type):
             owner = getattr(x, "__self__", None)
             whose = b"" if owner is None or isinstance(owner, types.ModuleType) else self.of(owner)
@@ -115,7 +121,8 @@ class _Digest:
             return _sum("class", *map(self.of, x.__bases__), *(self._part(n, p) for n, p in own.items()))
         used = [(n, x.__globals__[n]) for n in sorted(_names(x.__code__)) if n in x.__globals__]
         told = [part for n, value in used for part in (n, self.of(value))]
-        given = self.of(x.__defaults__), self.of(x.__kwdefaults__)
+        told += [self.of(_imported(n, x.__globals__)) for n in sorted(_names(x.__code__, ("IMPORT_NAME",)))]
+        given = self.of(x.__defaults__), self.of(x.__kwdefaults__), self.of(vars(x))
         return _sum("function", self._code(x.__code__), *given, *cells, *told)
 
     def _part(self, name: str, part: Any) -> bytes:
@@ -140,6 +147,10 @@ class _Digest:
         parts = [list(one) if hasattr(one, "__next__") else one for one in made]
         if len(parts) > 2 and isinstance(parts[2], dict):
             parts[2] = {name: value for name, value in parts[2].items() if name not in cached}
+        own_state: Any = getattr(kind, "__getstate__", None)
+        if own_state is not getattr(object, "__getstate__", None) and _release(kind.__module__) is None:
+            # It may leave out what a call uses.
+            parts.append({name: value for name, value in getattr(x, "__dict__", {}).items() if name not in cached})
         return _sum("object", *map(self.of, parts))
 
     def _code(self, code: types.CodeType) -> bytes:
@@ -173,10 +184,20 @@ def _sum(*parts: str | bytes) -> bytes:
     return digest.digest()
 
 
-def _names(code: types.CodeType) -> set[str]:
-    """Return all names that code and the functions within it look up in their module."""
-    own = {i.argval for i in dis.get_instructions(code) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
-    return own.union(*(_names(one) for one in code.co_consts if isinstance(one, types.CodeType)))
+def _names(code: types.CodeType, operations: tuple[str, ...] = ("LOAD_GLOBAL", "LOAD_NAME")) -> set[str]:
+    """Return all names that code and the functions within it look up in their module, or import."""
+    own = {i.argval for i in dis.get_instructions(code) if i.opname in operations}
+    return own.union(*(_names(one, operations) for one in code.co_consts if isinstance(one, types.CodeType)))
+
+
+def _imported(name: str, namespace: dict[str, Any]) -> types.ModuleType:
+    """Return a module that a function imports when it is called."""
+    for full in (name, f"{namespace.get('__package__') or ''}.{name}"):
+        try:
+            return sys.modules.get(full) or importlib.import_module(full)
+        except (ImportError, ValueError):
+            continue
+    raise TypeError(f"the module {name} that it imports is not there")
 
 
 @functools.cache

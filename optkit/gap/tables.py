@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from optkit.basics.arrays import Floats
-from optkit.simulation.metrics import MeanInterval
+from optkit.simulation.metrics import ROUNDING, MeanInterval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,7 +98,9 @@ def gap_tables(
     charges = {name: column("policies", name, "charge") * charged for name in names}
     best = max(names, key=lambda name: float((column("policies", name, "reward") - charges[name]).mean()))
     luck = charges[best]
-    worth = column("bounds", "full", "value") - penalty
+    full = column("bounds", "full", "value")
+    # A proof rounds up: what lies above the penalties by no more than that is nothing that could be gained.
+    worth = np.where(full - penalty <= ROUNDING * (np.abs(full) + np.abs(penalty)), 0.0, full - penalty)
 
     def level(value: Floats, charge: Floats, plain: Floats) -> dict[str, float]:
         money, share = _mean(value - charge, confidence), ratio_of_means(value - penalty, worth, confidence)

@@ -29,7 +29,7 @@ def scenario_of(description: dict[str, Any]) -> Scenario | None:
     >>> scenario_of({"origin": "by hand"})
     """
     name = description.get("name")
-    if name not in TABLE_1 or str(name).startswith("nyc"):
+    if not isinstance(name, str) or name not in TABLE_1 or str(name).startswith("nyc"):
         return None
     try:
         return scenario(str(name), description["seed"], **description["settings"])
@@ -39,7 +39,8 @@ def scenario_of(description: dict[str, Any]) -> Scenario | None:
 
 def worker_settings(description: dict[str, Any]) -> ScenarioSettings | None:
     """Return the settings of a scenario with trips that an instance set says it was drawn from, or None."""
-    if description.get("name") not in TABLE_1:
+    name = description.get("name")
+    if not isinstance(name, str) or name not in TABLE_1:
         return None
     try:
         return ScenarioSettings(**description["settings"])

@@ -67,19 +67,23 @@ def performance_ratio(
         raise InputError(
             f"lengths differ: reward {earned.shape}, full_information {best.shape}, total_penalty {least.shape}"
         )
+    # By a power of two, which rounds nothing: differences of the largest floats are beyond any float.
+    unit = np.frexp(np.maximum(np.abs(earned), np.maximum(np.abs(best), np.abs(least))))[1] + 2
+    given_best, given_least, given_earned = best, least, earned
+    earned, best, least = (np.ldexp(x, -unit) for x in (earned, best, least))
     room, short = best - least, best - earned
     rounding = ROUNDING * (np.abs(best) + np.abs(least))
     if (room < -rounding).any():
         b = int((room < -rounding).argmax())
         raise InputError(
-            f"full_information[{b}] = {best[b]:g} lies below the penalties {least[b]:g}: no bound does; "
+            f"full_information[{b}] = {given_best[b]:g} lies below the penalties {given_least[b]:g}: no bound does; "
             f"are the arguments in order (reward, full_information, total_penalty)?"
         )
     if not in_the_mean and (short < -rounding).any():
         b = int((short < -rounding).argmax())
         raise InputError(
-            f"reward[{b}] = {earned[b]:g} lies above full_information[{b}] = {best[b]:g}, which no policy earns: are "
-            "they of the same instances, in the same order? A bound on the mean alone is in_the_mean=True"
+            f"reward[{b}] = {given_earned[b]:g} lies above full_information[{b}] = {given_best[b]:g}, which no policy "
+            "earns: are they of the same instances, in the same order? A bound on the mean alone is in_the_mean=True"
         )
     gained = room > rounding
     ratio = np.where(short <= rounding, 100.0, -np.inf)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optkit.basics.errors import SolverError
+from optkit import scenario
+from optkit.basics.errors import OptkitError, SolverError
 from optkit.bounds import full_information
 from optkit.bounds.bound import prove
 
@@ -47,3 +48,21 @@ def test_a_matching_that_is_none_is_refused(bounded):
     twice = replace(matched, request=np.full_like(matched.request, matched.request[0]))
     with pytest.raises(SolverError, match="breaks a constraint"):
         prove(replace(bound, certificate=twice), day)
+
+
+@pytest.mark.parametrize("value", ["a", None, True])
+def test_a_bound_that_is_no_number_is_refused(value):
+    day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    with pytest.raises(SolverError, match="no number"):
+        replace(full_information(day), value=value)
+
+
+@pytest.mark.parametrize("value", ["x", None, np.nan])
+def test_a_certificate_of_other_things_is_refused(value):
+    """Whatever stands where an array that proves something belongs."""
+    day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    bound = full_information(day)
+    for name in ("worker", "request", "request_dual"):
+        forged = replace(bound, certificate=replace(bound.certificate, **{name: value}))
+        with pytest.raises(OptkitError):
+            prove(forged, day)

@@ -2,8 +2,9 @@
 
 import subprocess
 import sys
+from collections import namedtuple
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
@@ -49,7 +50,54 @@ def by_global(state):
     return SHARE * state.reward
 
 
+def by_attribute(share):
+    """Pay what the function itself holds."""
+
+    def paying(state):
+        return paying.share * state.reward
+
+    paying.share = share
+    return paying
+
+
+def remembered(share):
+    """Pay by a function that remembers its answers."""
+    return lru_cache(lambda reward: share * reward)
+
+
+def named(share):
+    """A tuple with a call of its own."""
+
+    class Named(namedtuple("Named", "reward")):
+        def __call__(self, state):
+            return share * state.reward
+
+    return Named(1.0)
+
+
+class Table(dict):
+    """A dict with an attribute."""
+
+    def __init__(self, share):
+        self.share = share
+
+
+class Reticent:
+    """One that copies less of itself than it uses."""
+
+    def __init__(self, share):
+        self.share = share
+
+    def __getstate__(self):
+        return {}
+
+
 PAIRS = {
+    "attributes": by_attribute,
+    "remembered": remembered,
+    "tuples": named,
+    "dicts": Table,
+    "reticent": Reticent,
     "constants": lambda x: lambda state: x * state.reward,
     "parameters": Paying,
     "slots": Slotted,
@@ -126,3 +174,24 @@ def test_what_has_no_lasting_form_is_refused(tmp_path):
     """One line that says to leave the checkpoint out."""
     with open(tmp_path / "file", "w") as file, pytest.raises(InputError, match="leave the checkpoint out"):
         digest(lambda state: file)
+
+
+def test_what_hides_its_function_is_refused():
+    with pytest.raises(InputError, match="hides the function"):
+        digest(np.frompyfunc(lambda x: x, 1, 1))
+
+
+@pytest.mark.parametrize("text", ["from helper import SHARE", "import helper; SHARE = helper.SHARE"])
+def test_modules_that_a_function_imports_count(tmp_path, monkeypatch, text):
+    """Within the call, and with values that no text of theirs shows."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "helper.py").write_text("import os\nSHARE = float(os.environ['SHARE'])\n")
+    found = []
+    for share in ("0.45", "0.5", "0.5"):
+        monkeypatch.setenv("SHARE", share)
+        monkeypatch.delitem(sys.modules, "helper", raising=False)
+        space = {}
+        exec(f"def policy(state):\n    {text}\n    return SHARE * state.reward\n", space)
+        found.append(digest(space["policy"]))
+    monkeypatch.delitem(sys.modules, "helper", raising=False)
+    assert found[0] != found[1] == found[2]

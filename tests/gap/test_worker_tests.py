@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from optkit import scenario
 from optkit.basics.errors import InputError
 from optkit.bounds.penalised.foresight import Foresight, fifo_presence
 from optkit.gap.simulated_test import LEVEL, ProcessTest, stands_out
 from optkit.gap.worker_tests import worker_test
+from optkit.learning.worker_rates import learn_worker_rates
 from tests.gap import processes
 
 ASSUMED = Foresight(fifo_presence(0.5), np.ones(1))
@@ -77,6 +79,7 @@ def test_days_of_several_lengths_go_together():
         replace(
             day, horizon=20, expiry=day.expiry[:0], worker_step=day.worker_step[day.worker_step < 20],
             worker_group=day.worker_group[day.worker_step < 20], utility=day.utility[:, :0], features=day.features[:0],
+            noise=None, outside_noise=None,
             **{name: getattr(day, name)[:0] for name in ("arrival", "reward", "penalty", "pickup", "dropoff")},
         )
         for day in long
@@ -100,3 +103,11 @@ def test_one_p_value_of_several_statistics():
     assert stands_out(*low, [True])[0] == 0.2
     assert ProcessTest(LEVEL, "").contradicted
     assert not ProcessTest(LEVEL + 0.001, "").contradicted
+
+
+def test_shares_that_are_given_are_not_excused_by_rates_that_were_learned():
+    """What few days could teach of the rates says nothing for shares that somebody states."""
+    days = scenario("II", seed=0).sample(12, seed=0)
+    learned = learn_worker_rates(scenario("II", seed=0).sample(12, seed=1))
+    for share, contradicted in ((learned.share, False), (np.array([0.9, 0.05, 0.05]), True)):
+        assert worker_test(days, Foresight(learned.presence, share), learned=learned).contradicted == contradicted

@@ -163,3 +163,13 @@ def test_interval_of_something_not_finite(value):
     """A value that is not finite, such as a ratio of -inf, is an error, never a silent NaN."""
     with pytest.raises(InputError):
         mean_interval([1.0, value, 3.0])
+
+
+def test_the_largest_floats_have_the_ratio_of_small_ones():
+    """Differences of the largest floats are beyond any float; the unit of money changes nothing, to the last digit."""
+    for unit in (2.0**-1000, 1.0, 2.0**1023):
+        shares = [np.array([x]) * unit for x in ([-1.0, 0.0, 0.4], [1.0, 1.0, 0.9], [-1.0, -1.0, -0.9])]
+        assert (
+            performance_ratio(*(x[0] for x in shares)).tolist()
+            == performance_ratio([-1.0, 0.0, 0.4], [1.0, 1.0, 0.9], [-1.0, -1.0, -0.9]).tolist()
+        )

@@ -13,7 +13,7 @@ import pandas as pd
 from optkit.basics.arrays import Bools, Floats, Ints
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choice_sets import ChoiceSets
-from optkit.models.estimation.inputs import numbers
+from optkit.models.estimation.inputs import BEYOND, numbers
 from optkit.models.estimation.situations import Situations, entries, label, situation_of
 from optkit.models.rows import Rows, written
 
@@ -143,13 +143,13 @@ def finite_column(name: str, values: Any, rows: Rows, used: Ints) -> Floats:
 
 def finite_design(exog: Floats, used: Ints, names: Sequence[str], rows: Rows) -> None:
     """Raise InputError, naming column and row, if the design is not finite in the ``used`` rows."""
-    good = np.abs(exog) < 1e100  # beyond, its square overflows; NaN fails too
+    good = np.abs(exog) < BEYOND  # NaN fails too
     if good.all() or (good := good[used]).all():
         return
     place, column = (int(i) for i in np.argwhere(~good)[0])
     row = int(used[place])
     value = f"column {names[column]} is {exog[row, column]} in {rows.called(row)}"
-    raise InputError(f"{value}; give finite numbers below 1e100")
+    raise InputError(f"{value}; give finite numbers below {BEYOND:g}")
 
 
 def _one_choice(codes: Ints, labels: pd.Index, taken: Ints, outside: bool, table: Rows) -> None:
@@ -170,10 +170,12 @@ def _one_choice(codes: Ints, labels: pd.Index, taken: Ints, outside: bool, table
 
 def _weights(given: npt.NDArray[Any], labels: pd.Index) -> Floats:
     weight: Floats = np.asarray(numbers("weights", given))
-    bad = ~(np.isfinite(weight) & (weight >= 0))
+    bad = ~((weight >= 0) & (weight < BEYOND))
     if bad.any():
         s = int(bad.argmax())
-        raise InputError(f"the weight of situation {label(labels, s)} is {weight[s]}; give numbers of at least 0")
+        raise InputError(
+            f"the weight of situation {label(labels, s)} is {weight[s]}; give numbers of at least 0, below {BEYOND:g}"
+        )
     if not weight.any():
         raise InputError("all weights are 0; nothing is left to fit")
     return weight

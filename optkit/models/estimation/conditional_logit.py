@@ -254,6 +254,8 @@ class ConditionalLogit(LikelihoodModel):  # type: ignore[misc]
             except UnknownColumnError:  # perhaps one of those that the formula has as it is written
                 if way is ways[-1]:
                     raise
+            except SystemExit as error:
+                raise InputError(f"the formula {formula} ends the program: write it without exit()") from error
             except Exception as error:
                 rows = Rows(len(made.labels), made.labels)
                 raise translated(error, formula, table, rows, made.used) from error

@@ -13,6 +13,9 @@ from optkit.basics.errors import InputError
 from optkit.models.frames import frame_of
 from optkit.models.rows import labelled, written
 
+BEYOND = 1e100
+"""Numbers from here on have squares that overflow."""
+
 REMEDY = "give floats; effects of categories, one each, are C(...) in from_formula"
 
 
@@ -99,8 +102,9 @@ def coefficients(name: str, values: Any, names: Sequence[str]) -> Floats:
         If it is anything else.
     """
     array: Floats = np.asarray(numbers(name, by_name(name, values, names)))
-    if array.shape != (len(names),) or not np.isfinite(array).all():
-        raise InputError(f"{name}, of shape {array.shape}, is not {len(names)} finite numbers, one for each column")
+    if array.shape != (len(names),) or not (np.abs(array) < BEYOND).all():
+        told = f"{len(names)} finite numbers below {BEYOND:g}, one for each column"
+        raise InputError(f"{name}, of shape {array.shape}, is not {told}")
     return array
 
 
@@ -111,8 +115,10 @@ def penalties_of(penalty: Any, names: list[str]) -> Floats:
         full: Floats = np.array(np.broadcast_to(np.asarray(given), len(names)))
     except ValueError:
         raise InputError(f"penalty is not a number, or one for each of the {len(names)} columns") from None
-    bad = ~(np.isfinite(full) & (full >= 0))
+    bad = ~((full >= 0) & (full < BEYOND))
     if bad.any():
         column = int(bad.argmax())
-        raise InputError(f"the penalty of {names[column]} is {full[column]}; give numbers of at least 0")
+        raise InputError(
+            f"the penalty of {names[column]} is {full[column]}; give numbers of at least 0, below {BEYOND:g}"
+        )
     return full

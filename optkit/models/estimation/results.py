@@ -12,7 +12,7 @@ from statsmodels.base.model import LikelihoodModelResults, LikelihoodResultsWrap
 from statsmodels.base.wrapper import populate_wrapper
 from statsmodels.iolib.summary import Summary
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, number
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choices import mask_of_rows
 from optkit.models.estimation.formulas import column_of, evaluated
@@ -197,6 +197,18 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         if array.ndim != 2:
             raise InputError(f"exog has shape {array.shape}; give one column for each of {', '.join(names)}")
         return array
+
+    def conf_int(self, alpha: float = 0.05) -> Any:
+        """Return the confidence interval of each coefficient, (k, 2), at level ``1 - alpha``.
+
+        Raises
+        ------
+        InputError
+            If ``alpha`` is not between 0 and 1.
+        """
+        if not 0.0 < number("alpha", alpha) < 1.0:
+            raise InputError(f"alpha = {alpha} is not between 0 and 1: 0.05 is for an interval of 95 %")
+        return super().conf_int(alpha)
 
     def summary(
         self, yname: str | None = None, xname: list[str] | None = None, title: str | None = None, alpha: float = 0.05

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from optkit.basics.arrays import Floats, flag, number, one_of
+from optkit.basics.arrays import MOST_MONEY, Floats, flag, number, one_of
 from optkit.basics.errors import DataError, InputError
 from optkit.models.estimation import ConditionalLogit, EstimationWarning, NotIdentifiedError
 from optkit.models.preferences.attributes import Attributes
@@ -76,8 +76,8 @@ def fit_preferences(
     """
     if not isinstance(offers, Offers):
         raise InputError(f"offers is a {type(offers).__name__}; Offers.from_frame makes offers of a table")
-    number("ridge", ridge, least=0.0)
-    number("scale_penalty", scale_penalty, least=0.0)
+    number("ridge", ridge, least=0.0, most=MOST_MONEY)
+    number("scale_penalty", scale_penalty, least=0.0, most=MOST_MONEY)
     one_of("method", method, ("choice", "accept-reject"))
     flag("pooled", pooled)
     flag("robust", robust)

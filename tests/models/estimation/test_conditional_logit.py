@@ -11,6 +11,7 @@ from scipy.stats import binom
 from statsmodels.discrete.conditional_models import ConditionalLogit as Reference
 from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess
 
+from optkit.basics.errors import InputError
 from optkit.models.estimation import ConditionalLogit
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -337,3 +338,21 @@ def test_derivatives_by_complex_and_by_numerical_steps_of_statsmodels():
 
     # A complex step has no cancellation: sixteen digits.
     assert approx_fprime_cs(TRUTH, by_hand) == pytest.approx(model.score(TRUTH), rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "ask"),
+    [
+        ({}, lambda model: model.loglike([1e308, 1e308, 0.0])),
+        ({}, lambda model: model.predict([1e308, 1e308, 0.0])),
+        ({"penalty": 1e308}, lambda model: model.fit()),
+        ({"weights": np.full(80, 1e308)}, lambda model: model.fit()),
+        ({}, lambda model: model.fit().conf_int(alpha=2)),
+    ],
+    ids=["loglike", "predict", "penalty", "weights", "alpha"],
+)
+def test_what_no_float_could_hold_is_refused(arguments, ask):
+    """And levels that are none; nothing is NaN or infinite instead."""
+    choice, x, groups = simulate(80)
+    with pytest.raises(InputError, match=r"below 1e\+100|not between 0 and 1"):
+        ask(ConditionalLogit(choice, x, groups, **arguments))
