@@ -56,7 +56,7 @@ def check_memory(what: str, needed: float, remedy: str) -> None:
     >>> check_memory("a day", 1e30, "take fewer steps")
     Traceback (most recent call last):
         ...
-    optkit.basics.errors.InputError: a day would take about 9e+20 GiB of memory, more than there is: take fewer steps
+    optkit.basics.errors.InputError: a day would take about 9.3e+20 GiB of memory, more than there is: take fewer steps
     """
     if not needed <= memory_limit():
         raise InputError(f"{what} would take about {needed / 2**30:.2g} GiB of memory, more than there is: {remedy}")

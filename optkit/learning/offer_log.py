@@ -20,6 +20,7 @@ class OfferLog:
     Examples
     --------
     >>> from optkit import scenario, simulate
+    >>> from optkit.policies.explore import RandomOffers
     >>> log = OfferLog()
     >>> done = simulate(scenario("I.2", seed=0).sample(5, seed=1), RandomOffers(seed=0), observe=log)
     >>> bool(log.offers().n_choices == done.served.sum())
@@ -76,6 +77,7 @@ def collect(instances: Sequence[Instance], policy: Policy) -> Offers:
     Examples
     --------
     >>> from optkit import scenario
+    >>> from optkit.policies.explore import RandomOffers
     >>> log = collect(scenario("I.1", seed=0).sample(5, seed=1), RandomOffers(seed=0))
     >>> log.n_situations >= log.n_choices > 0
     True

@@ -31,6 +31,7 @@ class RandomOffers:
     Examples
     --------
     >>> from optkit import scenario
+    >>> from optkit.learning.offer_log import collect
     >>> log = collect(scenario("I.2", seed=0).sample(5, seed=1), RandomOffers(0.3, 0.5, seed=0)).to_frame()
     >>> bool(log["compensation"].gt(0).all())
     True
