@@ -39,7 +39,7 @@ class Split(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A source of random instances. :func:`scenario` makes one by name.
+    """A source of random instances. :func:`~optkit.instances.catalogue.scenario` makes one by name.
 
     Attributes
     ----------

@@ -140,14 +140,14 @@ def held_out(source: Scenario, count: int | None = None) -> list[Instance]:
 
 
 def training_split(source: Scenario | Split, instances: int | None = None) -> Split:
-    """Return what :func:`train` trains on and chooses by.
+    """Return what :func:`~optkit.learning.training.train` trains on and chooses by.
 
     Parameters
     ----------
     source : Scenario or Split
         A split is returned as it is.
     instances : int, optional
-        As in :func:`train`.
+        As in :func:`~optkit.learning.training.train`.
 
     Returns
     -------

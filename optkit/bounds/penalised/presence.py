@@ -54,7 +54,7 @@ def fifo_presence(rate: npt.ArrayLike, longest: int | None = None) -> Floats:
     ------
     InputError
         If a rate is negative or not finite, there is none, ``longest`` is no whole number of at least 0, or rates
-        change over more than :data:`LARGEST` steps.
+        change over more than 2,000 steps.
 
     Examples
     --------
