@@ -22,6 +22,7 @@ def tried(place, whole):
     return Counter(attempt(seed, place, whole) for seed in range(SEEDS))
 
 
+@pytest.mark.slow
 def test_every_file_is_read_whole_or_refused_in_one_line(tmp_path, whole):
     """Requests, offers, trips, instance sets and policies, spoiled by fixed seeds: no traceback, no row lost or merged.
 

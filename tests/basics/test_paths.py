@@ -49,6 +49,7 @@ def test_paths_are_resolved_in_one_place():
     assert len(list(calls("resolved"))) >= 5
 
 
+@pytest.mark.slow
 def test_text_is_read_and_written_in_a_named_encoding():
     """What an encoding is by default depends on the machine: nothing of the kit does."""
     for name in ("open", "read_text", "write_text", "fdopen", "TextIOWrapper"):

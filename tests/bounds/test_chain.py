@@ -169,6 +169,7 @@ def small_enough(seed):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_the_chain_by_enumeration_of_all_paths(seed):
     """Means over all paths, without any simulation: policies <= exact <= penalised, arrival information <= dual."""
@@ -208,6 +209,7 @@ def mean_and_error(x):
     return x.mean(), x.std(ddof=1) / np.sqrt(x.size) + 1e-9  # some models leave nothing but rounding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 124))
 def test_the_chain_by_simulation(seed):
     """24 more models, 20 instances of each: on each path where it must hold, else within 4 standard errors."""
@@ -244,6 +246,7 @@ def choosy():
     return solve_exactly(model), trained.value, [RandomValue(seed, 2) for seed in range(3)]
 
 
+@pytest.mark.slow
 def test_a_trained_value_function_charges_better_than_random_ones(choosy):
     """On 50 fresh instances, by what the bounds have above the optimal policy under the same charges.
 

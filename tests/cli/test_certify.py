@@ -53,6 +53,7 @@ def own(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_scenario_is_certified(certify, tmp_path):
     """Bounds, policies, gaps and assumptions as JSON; rows and a figure beside, with the same numbers."""
     rows, figure = tmp_path / "rows.csv", tmp_path / "ladder.png"
@@ -68,6 +69,7 @@ def test_a_scenario_is_certified(certify, tmp_path):
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_folder_that_tells_its_scenario_is_certified_alike(certify, sets):
     """scenario.json names the process: the same bounds as for the scenario itself, and it is said."""
     asked = ["--policy", "myopic", "--policy", "charging", "--json"]
@@ -162,6 +164,7 @@ def test_a_worker_rate_that_the_days_contradict_is_refused(certify, own):
     assert "workers do not come" in strict(out)["refused"][0]
 
 
+@pytest.mark.slow
 def test_rates_are_learned_from_other_days(certify, own, tmp_path):
     """From the folder's own training days, or from another folder, whose days are none of those measured on."""
     asked = ["--policy", "myopic", "--worker-rate", "learned", "--json"]
@@ -210,6 +213,7 @@ class Share:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize(
     ("name", "line"),
@@ -235,6 +239,7 @@ def test_the_traceback_on_request(certify, own, tmp_path):
     assert err.splitlines()[-1].startswith("optkit: the policy boom, at step ")
 
 
+@pytest.mark.slow
 def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):
     """Nobody records the noise; with it drawn everything goes on, alike each time."""
     for part, instances in scenario("I.2", seed=0, **SETTINGS).split()._asdict().items():

@@ -50,6 +50,7 @@ def requests_csv(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_run_writes_results_that_agree_with_what_it_prints(finished):
     """optkit run on a folder prints the table, and writes the same numbers, rows, record and picture."""
     out, done = finished
@@ -75,6 +76,7 @@ def test_run_writes_results_that_agree_with_what_it_prints(finished):
     assert (out / "performance_ratio.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow
 def test_run_is_reproducible_and_replaces_only_its_own_results(small, finished, tmp_path):
     """The same run gives the same numbers, and a folder that is not a run's stays untouched."""
     out = shutil.copytree(finished[0], tmp_path / "results")
@@ -111,6 +113,7 @@ def test_generate_takes_settings(tmp_path):
     assert read_description(tmp_path / "set")["scenario"]["settings"]["horizon"] == 80
 
 
+@pytest.mark.slow
 def test_generate_writes_the_three_parts(tmp_path):
     """Without a count, train, test and validation sets are written, and a second time only with --overwrite."""
     folder = tmp_path / "sets"
@@ -128,6 +131,7 @@ def test_bound_reports_a_solver_that_gave_up(small):
     assert all(row["bound"] is None and "time limit" in row["error"] for row in rows)
 
 
+@pytest.mark.slow
 def test_bound_kinds_agree_with_the_library(tmp_path, monkeypatch):
     """Bounds of arrivals and the fluid are the library's; the penalised are proven, and only their mean counts."""
     monkeypatch.setattr(charging, "MOST", 80)  # fewer instances to train on and to draw from prove less, but as surely
@@ -323,6 +327,7 @@ def test_runs_do_not_replace_what_is_not_theirs(small, finished, tmp_path):
     assert (out / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_run_needs_no_interval_for_one_instance(tmp_path):
     """With a single test instance there is no interval: the table shows a dash, and the JSON is JSON."""
     save_instances(tmp_path / "two", scenario("I.2", seed=3, horizon=20).sample(2, 1))
@@ -444,6 +449,7 @@ def test_version_is_the_package_s():
     assert f'version = "{__version__}"' in project
 
 
+@pytest.mark.slow
 def test_run_on_trips(tmp_path):
     """optkit run on a scenario of New York reads trip records and reports both preferences."""
     rng = np.random.default_rng(0)

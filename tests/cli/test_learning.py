@@ -40,6 +40,7 @@ def test_collect_and_fit_show_what_the_library_finds(optkit, tmp_path):
     assert f"{fit_preferences(offers).scale[0]:.4f}" in done.stdout
 
 
+@pytest.mark.slow
 def test_collect_is_the_librarys_log_of_the_training_instances(optkit, tmp_path):
     """The file holds what collect() logs on the training set, and --json tells its counts."""
     path = tmp_path / "o.parquet"

@@ -61,6 +61,7 @@ def finished(tmp_path_factory):
     return out, planned, command_line.optkit(*common, "--json", check=0).stdout
 
 
+@pytest.mark.slow
 def test_a_study_is_planned_run_and_not_run_again(study, finished):
     """Plan, results, and a second call that works nothing out and writes the same files."""
     folder, planned, run = finished
@@ -80,6 +81,7 @@ def test_a_study_is_planned_run_and_not_run_again(study, finished):
     assert strict(out)[0]["missing"] == 0
 
 
+@pytest.mark.slow
 def test_force_works_out_anew(study, few_cells, tmp_path):
     """All cells again, here in one process after two: the same tables."""
     common = ["heterogeneous", *SMALL, "--out", tmp_path, "--no-gap", "--seeds", 1, "--json"]
@@ -100,6 +102,7 @@ def test_all_without_trips_says_what_is_left_out(study, tmp_path, monkeypatch):
     assert [plan["study"] for plan in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity"]
 
 
+@pytest.mark.slow
 def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_path, monkeypatch):
     """The cells of one draw fail, and are named; all others are there, and make the report."""
     shutil.copytree(finished[0] / "cells", tmp_path / "cells")
@@ -146,6 +149,7 @@ def test_bad_input_is_one_line(study, arguments, message, tmp_path):
     assert len(err.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_the_paper_s_own_selection_of_trips(study, few_cells, tmp_path, trip_a_minute):
     """Options reach the cells and the report's settings."""
     trips = trip_a_minute(60_000, pickups=(261, 236, 43))
@@ -164,6 +168,7 @@ def test_the_paper_s_own_selection_of_trips(study, few_cells, tmp_path, trip_a_m
     assert [one["study"] for one in strict(out)] == ["homogeneous", "heterogeneous", "sensitivity", "nyc"]
 
 
+@pytest.mark.slow
 def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path, trip_a_minute):
     """Nobody asks: what is paid for a request has no mean then."""
     trips = trip_a_minute(60_000)

@@ -95,6 +95,7 @@ def test_an_unknown_notebook_is_refused(teach):
     )
 
 
+@pytest.mark.slow
 @needs_extra
 def test_a_server_that_fails_is_reported(teach, monkeypatch):
     """If the server ends by itself, its last words are passed on."""

@@ -105,6 +105,7 @@ def test_lists_of_names_are_cut_off():
     assert len(listed(["x" * 10_000])) < 500
 
 
+@pytest.mark.slow
 def test_names_of_all_kinds_are_printed_so_that_they_can_be_seen(call, tmp_path):
     """Requests, columns and files of nasty names: all the output is visible characters, and nobody's lines move."""
     rng = random.Random(2)

@@ -36,6 +36,7 @@ def file(split, tmp_path_factory):
     return train(split).save(tmp_path_factory.mktemp("trained") / "learned.json")
 
 
+@pytest.mark.slow
 def test_train_and_evaluate_show_what_the_library_finds(optkit, tmp_path, split):
     """optkit train writes the library's policy and shows its course; optkit evaluate shows what it earns."""
     path = tmp_path / "policy.json"
@@ -58,6 +59,7 @@ def test_train_and_evaluate_show_what_the_library_finds(optkit, tmp_path, split)
     assert "policy.json" in done.stdout
 
 
+@pytest.mark.slow
 def test_options_reach_the_training(optkit, tmp_path):
     """The file holds the settings that were asked for, --json tells them, and the record has every round."""
     options = ["--value", "kernel", "--choice", "pooled", "--deviations", "6,3,1", "--discount", 0.9]
@@ -78,6 +80,7 @@ def test_options_reach_the_training(optkit, tmp_path):
     assert [row["deviation"] for row in found.record[:2]] == [6.0, 3.0]
 
 
+@pytest.mark.slow
 def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
     """--instances draws them in place of the split's, and in proportion to choose by; the output says how many."""
     path = tmp_path / "p.json"
@@ -93,6 +96,7 @@ def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
     assert "can be drawn from a scenario only" in err
 
 
+@pytest.mark.slow
 def test_the_world_s_seed_is_the_training_s_too(optkit, tmp_path):
     """As in optkit run, one seed serves for both unless another is given."""
     optkit("train", "I.1", *SMALL, "--seed", 3, "--choice", "true", "--out", tmp_path / "p.json", "--quiet")
@@ -100,6 +104,7 @@ def test_the_world_s_seed_is_the_training_s_too(optkit, tmp_path):
     assert Trained.load(tmp_path / "p.json").value.to_dict() == expected.value.to_dict()
 
 
+@pytest.mark.slow
 def test_folders_are_split_as_run_splits_them(optkit, tmp_path, split):
     """The parts of a folder serve for what they are called; without validation instances the last round is taken."""
     for part in ("train", "validation"):
@@ -115,6 +120,7 @@ def test_folders_are_split_as_run_splits_them(optkit, tmp_path, split):
     assert Trained.load(tmp_path / "q.json").value.to_dict() == expected.value.to_dict()
 
 
+@pytest.mark.slow
 def test_evaluate_is_the_librarys_comparison(optkit, file, split, tmp_path):
     """Rows, means and the paired difference are those of compare() with the myopic policy of the same beliefs."""
     trained = Trained.load(file)
@@ -167,6 +173,7 @@ def test_an_instance_without_a_bound_is_named(optkit, file, monkeypatch):
     assert "19 test instances" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("trained_on", "tried_on", "says"),
     [
@@ -188,6 +195,7 @@ def test_what_a_policy_does_not_know_is_one_line(optkit, tmp_path, trained_on, t
     assert says in err
 
 
+@pytest.mark.slow
 def test_interrupted_training_goes_on_from_its_checkpoint(optkit, tmp_path, monkeypatch):
     """Ctrl-C in the second seed: one is told how to go on, and the same command ends as if nothing had happened."""
     common = ["I.1", *SMALL, "--seeds", 2, "--checkpoint", tmp_path / "kept"]
@@ -252,6 +260,7 @@ def test_divergence_is_told_and_nothing_is_written(optkit, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_later_round_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     """The policy is then that of the rounds before."""
     diverge_from(monkeypatch, 2)
@@ -261,6 +270,7 @@ def test_a_later_round_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     assert "chosen: seed 0, round 1" in out
 
 
+@pytest.mark.slow
 def test_a_seed_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     """With two seeds of two rounds, a failure in the third round leaves the first seed."""
     diverge_from(monkeypatch, 3)
@@ -270,6 +280,7 @@ def test_a_seed_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     assert "chosen: seed 0" in out
 
 
+@pytest.mark.slow
 def test_a_policy_is_replaced_and_nothing_else(optkit, tmp_path):
     """An earlier policy makes room for the new one."""
     common = ["train", "I.1", *SMALL, "--choice", "true", "--out", tmp_path / "p.json"]
@@ -304,6 +315,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD, ids=str)
 def test_bad_input_is_one_line_and_status_2(optkit, tmp_path, monkeypatch, file, case):
     """Every wrong argument or file: status 2, nothing on standard output, one line, and nothing written."""
@@ -329,6 +341,7 @@ def test_refused_before_the_training_and_not_after(optkit, tmp_path, monkeypatch
     assert optkit("train", "I.1", *SMALL, *arguments)[0] == 2
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_one_line_that_installs_it(tmp_path):
     """Without PyTorch, --value attention names the extra, with status 2 and before any training."""
     blocked = (
@@ -348,6 +361,7 @@ def test_a_missing_extra_is_one_line_that_installs_it(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_file_prices_as_the_policy_did(split, file):
     """What optkit evaluate runs is what was trained, to the last digit."""
     one, other = (simulate(split.test, trained.policy).reward for trained in (train(split), Trained.load(file)))

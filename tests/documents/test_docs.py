@@ -21,6 +21,7 @@ SMALLER = {"own_gap.py": "8", "own_scenario.py": "10", "figures.py": "--small"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").rglob("*.py") if "1-derivation" not in path.parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
 def test_code_blocks_print_what_the_page_shows(page):
     """Every Python block of a page runs and prints what stands beneath it."""
@@ -29,6 +30,7 @@ def test_code_blocks_print_what_the_page_shows(page):
     assert results.failed == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.name for path in EXAMPLES])
 def test_examples_run(example, capsys, monkeypatch):
     """Every example runs to its end and passes its own assertions, on smaller data where it takes a size."""
@@ -38,6 +40,7 @@ def test_examples_run(example, capsys, monkeypatch):
     assert capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_readme_shows_the_table_that_the_main_job_gives():
     """The table in the README is the main job's own, to the digits shown."""
     result = run_main_job(scenario("I.1", seed=0).split(), {}, verify=0)

@@ -169,6 +169,7 @@ def test_the_reference_lists_what_the_kit_promises():
     assert len(LISTED) == len(set(LISTED))
 
 
+@pytest.mark.slow
 def test_everything_public_has_a_docstring():
     """All public modules, functions, classes and methods of the kit say what they are."""
     silent = []

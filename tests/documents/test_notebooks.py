@@ -79,6 +79,7 @@ def test_there_are_five_and_the_examples_lead_to_them():
 # --- As scripts -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_notebook
 def test_script_checks_every_claim(notebook, surroundings, tmp_path):
     """A notebook that is run as a script passes its assertions, in silence."""
@@ -86,6 +87,7 @@ def test_script_checks_every_claim(notebook, surroundings, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 @every_notebook
 def test_script_fails_with_a_claim(notebook, surroundings, tmp_path):
     """A notebook of which one assertion is turned round leaves with an error."""
@@ -98,6 +100,7 @@ def test_script_fails_with_a_claim(notebook, surroundings, tmp_path):
     assert "AssertionError" in done.stderr
 
 
+@pytest.mark.slow
 @every_notebook
 def test_claims_hold_wherever_the_sliders_stand(notebook):
     """Its assertions hold with all sliders at their lowest, at their highest, and at places drawn at random."""

@@ -92,6 +92,7 @@ def shell(command, folder):
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=[str(path.relative_to(DOCS)) for path in PAGES])
 def test_blocks_print_what_the_page_shows(page, tmp_path, monkeypatch):
     """Every command and every example of a page runs, and gives what the page says."""

@@ -53,6 +53,7 @@ def pages(site):
     return {path: Page(path) for path in sorted(site.rglob("*.html"))}
 
 
+@pytest.mark.slow
 def test_every_source_became_a_page(site):
     """No page of the sources is left out, and none of the build's own files is taken for one."""
     sources = {p.relative_to(DOCS).with_suffix("") for p in DOCS.rglob("*.md") if "_build" not in p.parts}

@@ -44,6 +44,7 @@ def groups():
     return small, run_main_job(small, {}, verify=0, seed=3)
 
 
+@pytest.mark.slow
 def test_every_stage_is_told_to_its_end(run):
     """Progress names the stages, and each reaches its total."""
     _, told = run
@@ -122,6 +123,7 @@ def test_a_policy_that_does_not_know_the_tests_is_left_out(split):
     assert all("beyond the 25 steps" in why for why in result.record["not trained"].values())
 
 
+@pytest.mark.slow
 def test_trained_policies_are_what_they_are_called(groups):
     """Each trained row of the run is what train() gives for its name, with the run's seed."""
     small, result = groups

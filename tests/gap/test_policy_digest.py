@@ -142,6 +142,7 @@ def test_a_file_is_known_by_what_it_does(tmp_path):
     assert len(set(found)) == 3
 
 
+@pytest.mark.slow
 def test_trained_policies_are_the_same_in_each_process():
     """Another process, with another seed of its hashes, comes to the same digest."""
     code = (

@@ -33,6 +33,7 @@ def by_place(state):
     return share * state.reward + 0.01 * state.reward.sum(axis=1, keepdims=True) + 0.1 * state.group[:, None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("day", [DAY, GROUPS], ids=["one group", "three"])
 @pytest.mark.parametrize("name", ["by place", "myopic", "patient"])
 def test_enumerated_is_the_mean_of_simulated(day, name):

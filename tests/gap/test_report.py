@@ -40,6 +40,7 @@ def report(days, charges):
     return gap_report(days, NAMED, **charges)
 
 
+@pytest.mark.slow
 def test_bounds_and_policies_are_in_order(report):
     """Looser bounds lie above tighter ones, and all above all policies."""
     points = report.bounds.set_index("kind")["points"]
@@ -166,6 +167,7 @@ def test_ones_own_policy(days):
         gap_report(days[:3], {"bad": lambda state: -state.reward}, kinds="arrival")
 
 
+@pytest.mark.slow
 def test_simulated_and_enumerated_agree(days, charges):
     """Where too much may wait a policy is simulated and others are charged for: the same means within 4 errors."""
     exact = gap_report(days, NAMED, **charges)
@@ -190,6 +192,7 @@ def test_noise_is_not_needed(days):
     assert any("noise: drawn here for 3 instances" in told for told in without.assumptions)
 
 
+@pytest.mark.slow
 def test_a_scenario_brings_what_it_needs():
     """A scenario stands for its test instances, and charges for its own process."""
     small = scenario("I.2", seed=3, split=(20, 4, 0), horizon=12)
@@ -212,6 +215,7 @@ def test_workers_who_come_otherwise_make_no_penalised_bound(days, charges):
     pd.testing.assert_frame_equal(found.rows, gap_report(days, NAMED, kinds=["lagrangian", "arrival"]).rows)
 
 
+@pytest.mark.slow
 def test_charges_that_are_paid_without_foresight_refuse_the_bound(days, charges):
     """Told that the process is known where it is not, the report finds out from what its policies are charged."""
     wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.05), np.ones(1))}
@@ -233,6 +237,7 @@ def test_requests_that_arrive_otherwise_make_no_penalised_bound(days, charges):
     assert "requests do not arrive as was assumed" in found.refused[0]
 
 
+@pytest.mark.slow
 def test_a_rush_that_was_learned_makes_a_claim():
     """Rates by time of day from other days are not contradicted; a steady rate of the same mean is."""
     others, measured = (processes.days(processes.rush, count, seed) for count, seed in ((40, 1), (10, 2)))

@@ -19,6 +19,7 @@ def pool():
     return Foresight([0.5], [1.0], scenario("I.2", **HERE).sample(300, seed=1))
 
 
+@pytest.mark.slow
 def test_the_true_process_is_seldom_contradicted(pool):
     """P-values of other days of the same scenario are spread over 0 to 1."""
     p = [request_test(scenario("I.2", **HERE).sample(8, seed=s), pool, seed=s).p for s in range(2, 32)]

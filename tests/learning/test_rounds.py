@@ -128,6 +128,7 @@ def test_learn_once_is_the_papers_data(days):
     assert found.rounds["round"].tolist() == [1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_offers_that_nobody_rejects_are_overcome(seed):
     """From offers of 2 to 3 times the reward: not identified, utility overestimated; then RMSE below 0.25.
@@ -155,6 +156,7 @@ def test_a_round_that_is_not_identified_never_ends_the_search(days):
     assert found.converged
 
 
+@pytest.mark.slow
 def test_standard_errors_foresee_the_errors(learned):
     """The recorded RMSE is of the size of its standard error: within a factor of 3 in identified rounds.
 
@@ -179,6 +181,7 @@ def test_learned_prices_earn_what_true_ones_do(learned):
     assert abs((true - own).mean()) < 0.3
 
 
+@pytest.mark.slow
 def test_groups_are_learned_apart_and_pooled():
     """Scenario II: a model for each of three groups with RMSE below 0.5; one model for all is far off and says so."""
     instances = scenario("II", seed=0).sample(300, seed=1)
@@ -261,6 +264,7 @@ def test_a_negative_seed(days):
         learn_preferences(days[:20], seed=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["I.2", "I.3", "II"])
 def test_a_maximum_that_is_far_out_is_reached(name):
     """A few days may put the maximum far out, but where nothing is separated Newton gets there: every fit converges."""

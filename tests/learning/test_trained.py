@@ -41,6 +41,7 @@ def prices(instances, policy):
     return np.concatenate(seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["linear", "linear learned", "linear busy", "kernel", "kernel pooled"])
 def test_prices_are_the_same_after_the_round_trip(tmp_path, days, trained, label):
     """Every price on fresh instances is the same to the last digit, and so is the file when written again."""

@@ -70,6 +70,7 @@ def test_waiting_pays_where_workers_abound():
     assert gain.low > 0
 
 
+@pytest.mark.slow
 def test_from_raw_instances_to_a_policy(world):
     """With preferences learned along the way it beats the true-model myopic policy, and says what it learned."""
     days, fresh, myopic = world("I.1")
@@ -82,6 +83,7 @@ def test_from_raw_instances_to_a_policy(world):
     assert trained.policy.choice is trained.preferences
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("choice", "models"), [("learned", 3), ("pooled", 1)])
 def test_preferences_of_several_groups(world, choice, models):
     """On scenario II, one model a group or one for all: waiting pays against myopic prices with the same preferences.
@@ -178,6 +180,7 @@ def test_the_discount_and_the_deviations_count(split):
     assert train(split.train, Printed(), choice="true", discount=1.0).settings["discount"] == 1.0
 
 
+@pytest.mark.slow
 def test_same_seed_same_coefficients(split):
     """Training is reproducible, with and without learning; another seed explores otherwise."""
     for choice in ("true", "learned"):
@@ -212,6 +215,7 @@ def test_without_validation_the_last_round_counts(split):
     assert (shorter.value.coef_ != trained.value.coef_).any()
 
 
+@pytest.mark.slow
 def test_seeds_are_chosen_between_by_validation(split):
     """The best of several seeds is the one with the best score, that of a training with this seed alone or better."""
     told = []
@@ -296,6 +300,7 @@ def interrupted(after):
     return progress
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choice", ["true", "learned"])
 def test_what_was_interrupted_goes_on(tmp_path, split, choice):
     """Interrupted in the second of three seeds and started again, it does not repeat the first, and ends the same."""
@@ -332,6 +337,7 @@ def test_a_damaged_checkpoint_is_trained_again(tmp_path, split):
     assert len((tmp_path / name).read_text()) > 500
 
 
+@pytest.mark.slow
 def test_changed_trainings_do_not_share_checkpoints(tmp_path, split):
     """Another exploration, form, instance or validation is trained anew, and its own outcome returned."""
     other = Split([replace(one, features=one.features + 0.1) for one in split.train], [], split.validation)
@@ -352,6 +358,7 @@ def test_changed_trainings_do_not_share_checkpoints(tmp_path, split):
         assert kept.score == plain.score
 
 
+@pytest.mark.slow
 def test_more_seeds_go_on_from_fewer(tmp_path, split):
     """Asking for a second seed later trains that one only, and tells of both in the settings."""
     train(split, choice="true", checkpoint=tmp_path)
@@ -502,6 +509,7 @@ def test_more_instances_can_be_drawn_for_a_scenario(split):
             train(source, choice="true", instances=wrong)
 
 
+@pytest.mark.slow
 def test_networks_by_their_names(split):
     """Each name brings its settings, and its discount; the paper's two regress levels."""
     pytest.importorskip("torch", reason="needs PyTorch: pip install 'optkit[attention]'")

@@ -28,6 +28,7 @@ def test_a_rush_is_two_pieces_and_its_queue_is_known():
     assert str(found).count("at steps") == 2
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_they_are_said_to_be():
     """Over 8 sets of days the errors of the logarithm, by their standard errors, have a spread of about 1."""
     found = [learn_worker_rates(processes.days(processes.constant, 6, seed=s)) for s in range(8)]

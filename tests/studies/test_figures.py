@@ -33,6 +33,7 @@ def titles(figure):
     return [ax.get_title() for ax in figure.axes if ax.get_visible()]
 
 
+@pytest.mark.slow
 def test_every_label_of_the_paper_is_drawn(made_up):
     """Full tables give all figures, each by one study, each on a canvas of its own; pyplot knows of none of them."""
     drawn = {name: study_figures(study_tables(made_up(name)[1])) for name in STUDIES}
@@ -44,6 +45,7 @@ def test_every_label_of_the_paper_is_drawn(made_up):
             figure.draw_without_rendering()
 
 
+@pytest.mark.slow
 def test_missing_tables_leave_figures_out(made_up):
     """A figure needs all that its entry names but means, and nothing else; no table, no figure, and no error."""
     assert study_figures({}) == {}
@@ -223,6 +225,7 @@ def test_heat_maps_write_each_share(made_up):
         assert heat.images[0].get_clim() == (0.0, 100.0)
 
 
+@pytest.mark.slow
 def test_the_map_is_drawn_where_centres_are_known(made_up, tmp_path):
     """Zones lie at their centres, marked by region; without the file, or with a wrong one, the figure says so."""
     study, run = made_up("nyc")
@@ -255,6 +258,7 @@ def zones_of():
     return np.arange(len(manhattan_zones()))
 
 
+@pytest.mark.slow
 def test_what_differs_in_kind_is_of_the_first_world(made_up):
     """Of several worlds, utilities, errors, places and perturbations are those of the first; the title says so."""
     for name in ("heterogeneous", "sensitivity", "nyc"):

@@ -60,6 +60,7 @@ def small(monkeypatch):
     monkeypatch.setattr(module, "study_figures", lambda tables, trips: {})
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_bytes(made_up, monkeypatch):
     """Whenever, and however long it took: all files but timings.csv are equal; another result changes them."""
     study, run = made_up("heterogeneous")
@@ -82,6 +83,7 @@ def test_the_same_results_give_the_same_bytes(made_up, monkeypatch):
     assert "bounds.csv" not in lost
 
 
+@pytest.mark.slow
 def test_every_table_and_figure_is_there(made_up, tmp_path):
     """Each in all its forms, named and linked in the page; tables as files have all rows and all digits."""
     study, run = made_up("nyc", (0, 1))
@@ -112,6 +114,7 @@ def test_every_table_and_figure_is_there(made_up, tmp_path):
     assert len(pd.read_csv(path.with_name("timings.csv"))) == len(run.cells)
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else_and_is_accessible(made_up):
     """No script, no reference beyond the page, a language, a title, headers with a scope, pictures with a text."""
     html = report_files(*made_up("sensitivity"), CLAIMS)["report.html"].decode()
@@ -320,6 +323,7 @@ def test_a_figure_is_the_same_bytes_at_any_time(monkeypatch):
     assert all(first[name] != other[name] for name in first)
 
 
+@pytest.mark.slow
 def test_the_page_opens_in_a_browser(page, made_up, tmp_path):
     """Wide and narrow, light and dark: no complaint, no scrolling to the side but inside boxes, pictures drawn."""
     study, run = made_up("nyc", leave=lambda cell: cell.place["scenario"] == "nyc-strong")

@@ -39,10 +39,12 @@ def whole(tmp_path_factory):
     return texts(run)
 
 
+@pytest.mark.slow
 def test_the_number_of_processes_does_not_matter(tmp_path, whole):
     assert texts(run_cells(CELLS, CellStore(tmp_path), jobs=2)) == whole
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_not_worked_out_again(tmp_path, whole, monkeypatch):
     store = CellStore(tmp_path)
     assert run_cells(CELLS[:25], store).fresh == 25
@@ -52,6 +54,7 @@ def test_what_is_finished_is_not_worked_out_again(tmp_path, whole, monkeypatch):
     assert (again.fresh, again.failed, texts(again)) == (0, {}, whole)
 
 
+@pytest.mark.slow
 def test_what_was_damaged_is_worked_out_again(tmp_path, whole):
     store = CellStore(tmp_path)
     run_cells(CELLS, store)
@@ -95,6 +98,7 @@ run_cells(cells, CellStore(sys.argv[1]), jobs=int(sys.argv[2]))
 """
 
 
+@pytest.mark.slow
 def test_killed_at_twenty_random_moments(tmp_path, whole):
     """SIGKILL to the whole process group, at moments spread over the work; nothing half written is ever read."""
     rng, finished = random.Random(0), []
@@ -119,6 +123,7 @@ def test_killed_at_twenty_random_moments(tmp_path, whole):
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_finished(tmp_path, whole):
     def stop(done, total, left):
         if done == 10:
@@ -130,6 +135,7 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path, whole):
     assert (run.fresh, texts(run)) == (len(CELLS) - 10, whole)
 
 
+@pytest.mark.slow
 def test_processes_that_are_killed_are_replaced(tmp_path, monkeypatch):
     """A cell that kills its process once is worked out by another."""
     monkeypatch.setattr(runner, "_attempt", _once(tmp_path / "killed"))
@@ -138,6 +144,7 @@ def test_processes_that_are_killed_are_replaced(tmp_path, monkeypatch):
     assert not run.missing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dask", [None, "local"])
 def test_a_cell_that_always_kills_its_process_does_not_stop_the_others(tmp_path, monkeypatch, whole, dask):
     """It is named as failed, and all else is as it was; on a cluster too, where joblib's own backend waits for ever."""
@@ -174,6 +181,7 @@ def _deadly(key):
     return work
 
 
+@pytest.mark.slow
 def test_libraries_that_are_loaded_late_have_one_thread_too():
     """The first cell with the network in a process, before which nothing has loaded torch."""
     pytest.importorskip("torch", reason="torch is missing: pip install 'optkit[attention]'")

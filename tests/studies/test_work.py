@@ -48,6 +48,7 @@ def test_bounds_are_those_of_the_test_instances():
     assert found["penalty"] == [day.penalty.sum() for day in SPLIT.test]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "policy"),
     [
@@ -124,6 +125,7 @@ def test_perturbed_policies_believe_what_they_are_told(groups):
     assert moved == ([0, 1, 2] if groups is None else groups)
 
 
+@pytest.mark.slow
 def test_the_gap_is_the_report_s(monkeypatch):
     """With little training, to be quick."""
     few = partial(scenario_charging, training=100, pool=400)
@@ -150,6 +152,7 @@ def test_trips_that_are_not_those_of_the_plan_are_refused(trip_a_minute):
         run_cell(Cell("policy", {**place, "trips": "0" * 16}, {"policy": "Myopic, true MNL", "seed": 0}), (str(file),))
 
 
+@pytest.mark.slow
 def test_trips_are_selected_as_the_place_says(trip_a_minute):
     """Mondays from 11 to 12 as the paper does, and a share of them; a week pooled otherwise."""
     file = trip_a_minute(30_000)

@@ -222,6 +222,7 @@ def test_opportunity_costs_are_differences_of_values():
     assert (nested.reshape(50, 3) == cost).all()
 
 
+@pytest.mark.slow
 def test_the_optimal_policy_earns_the_exact_value_and_others_less():
     """4,000 instances through the simulator: the mean within 4 standard errors; paired losses beyond 4 of theirs."""
     solution = solve_exactly(CHOOSY)
@@ -236,6 +237,7 @@ def test_the_optimal_policy_earns_the_exact_value_and_others_less():
         assert solution.value - reward.mean() > 4 * error, "the test could not tell these policies from the best"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("queue", [1, 3])
 def test_with_a_queue_the_policy_that_sees_it_earns_the_exact_value(queue):
     """Workers come in pairs or not at all and wait in optkit's own queue; 4 standard errors over 4,000 instances."""

@@ -55,6 +55,7 @@ def test_the_mean_is_convex(fitted, seed):
     assert middle <= np.mean(ends) - 1e-3
 
 
+@pytest.mark.slow
 def test_it_ends_at_a_minimum(fitted):
     """The slope has fallen to a hundredth, and no random coefficients do better on the training instances."""
     mean = mean_dual(TRAIN, fitted)
@@ -67,6 +68,7 @@ def test_it_ends_at_a_minimum(fitted):
     assert all(mean.with_gradient(theta + rng.normal(0, 3, theta.size), 0.01)[0] > best for _ in range(5))
 
 
+@pytest.mark.slow
 def test_fresh_instances_gain(fitted):
     """By 4 standard errors, what nobody is charged for in the mean being taken out; and less than the training ones."""
     gain, paid = [], []

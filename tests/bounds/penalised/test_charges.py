@@ -189,6 +189,7 @@ def last_waits(days, policy):
     return np.split(last, batch.request_start[1:-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arrivals", [True, False], ids=["arrivals charged", "workers only"])
 def test_no_policy_pays_anything_in_the_mean(world, arrivals):
     """Over 60 instances, each with a pool of its own, within 4 standard errors.
@@ -211,6 +212,7 @@ def test_no_policy_pays_anything_in_the_mean(world, arrivals):
         assert abs(sample.mean()) <= 4 * error
 
 
+@pytest.mark.slow
 def test_who_has_foresight_pays(world):
     """The test above could fail: who lets wait what the next step makes dearest pays more than who serves nobody."""
     source, value, _ = world

@@ -242,6 +242,7 @@ def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime, limit, charged):
     assert hybrid >= exact - 1e-9 >= exact_value(model).value - 2e-9
 
 
+@pytest.mark.slow
 def test_the_hybrid_lies_above_the_exact_lattice_in_the_mean(value):
     """Over 8 instances, within 4 standard errors of the difference; with nothing tracked it is far above."""
     means = {}

@@ -46,6 +46,7 @@ def copy(made, tmp_path):
     return shutil.copytree(made, tmp_path / "sets")
 
 
+@pytest.mark.slow
 def test_a_set_is_the_split_of_its_scenario(made):
     """The parts hold what the scenario draws, and say where it comes from."""
     split = scenario("I.2", seed=0).split()
@@ -296,6 +297,7 @@ def test_what_the_datasheet_says_of_scenarios_of_a_world():
         assert not np.array_equal(a.noise, b.noise)
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_and_checks(tmp_path):
     """optkit generate benchmark writes sets, goes on, and verifies; in words and as JSON."""
     folder = tmp_path / "sets"

@@ -66,6 +66,7 @@ def test_one_member_is_that_member(days):
     assert train(days, "mean", choice="true", deviations=(3.0,)).settings["deviations"] == (3.0,)
 
 
+@pytest.mark.slow
 def test_waiting_pays_on_fresh_instances():
     """Against the myopic policy, paired on 200 instances, the 95 % interval excludes zero."""
     source = scenario("I.1", seed=0)

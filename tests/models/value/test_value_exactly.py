@@ -160,6 +160,7 @@ def solved(request):
     return model, exact.value, fresh, *(simulate(fresh, policy).reward for policy in policies)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [LinearValue(), KernelValue(), MeanValue()], ids=["linear", "kernel", "mean"])
 def test_trained_policies_are_nearly_optimal(solved, form):
     """Trained on 300 instances, on 4000 others: above myopic, not above the optimum, and within 0.5 % of it.

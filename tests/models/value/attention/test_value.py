@@ -66,6 +66,7 @@ def fitted():
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", ["tuned", "printed"])
 @pytest.mark.parametrize("seed", range(5))
 def test_opportunity_costs_are_differences_of_values(fitted, settings, seed):
@@ -383,6 +384,7 @@ def test_it_is_a_set_value_with_parameters():
     assert value.discount == TUNED.discount
 
 
+@pytest.mark.slow
 @needs_torch
 def test_patient_prices_earn_more_than_myopic_ones():
     """Trained on one scenario, the value of waiting pays on fresh instances (150 instances, paired: 3 errors clear)."""
@@ -439,6 +441,7 @@ def test_without_pytorch_the_message_names_the_extra(monkeypatch):
         AttentionValue()
 
 
+@pytest.mark.slow
 def test_pytorch_is_loaded_only_when_asked_for():
     """Importing the kit, its value functions and training loads no PyTorch."""
     code = "import sys, optkit.learning.training, optkit.models.value.attention.value; sys.exit('torch' in sys.modules)"
