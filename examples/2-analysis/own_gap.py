@@ -50,7 +50,7 @@ assert bounds["penalised"] > earned["trained"] > earned["myopic"] > earned["own"
 # Where all requests are told apart the gap is positive on every path, and its interval narrow: 1 point with 40 days.
 gap = report.gap("trained", "penalised")
 assert gap["smallest"] > 0
-assert gap["points_high"] - gap["points_low"] < 8.0 / np.sqrt(count)
+assert gap["points_high"] - gap["points_low"] < (1.0 if count >= 40 else 8.0 / np.sqrt(count))
 assert gap["claim"] < report.gap("trained", "arrival")["claim"] < report.gap("trained", "full")["claim"]
 
 # Any value function gives a valid bound, one that is 0 as well. A better one proves more.
