@@ -37,15 +37,17 @@ READING = {
 """How to read a figure; what it shows is said by numbers."""
 
 
+SHORT = {"horizon": 25, "split": (60, 12, 12)}
+SMALL = {"horizon": 8, "split": (60, 12, 12)}
+
+
 def results(folder: Path | None, name: str, small: bool):
     """Return the tables of a study: from a folder of finished cells, or worked out here on few small instances."""
     if folder is not None:
         study = Study(name)
         return study_tables(load(study.cells(), CellStore(folder / "cells")))
-    study = Study(name, seeds=1, settings={"horizon": 8 if small else 25, "split": (60, 12, 12)}, gap=False)
+    study = Study(name, seeds=1, settings=SMALL if small else SHORT, gap=False, draws=2 if small else 10)
     cells = [cell for cell in study.cells() if "Attention" not in str(cell) and "Kernel" not in str(cell)]
-    if small:
-        cells = [cell for cell in cells if cell.settings.get("draw", 0) < 2]
     with tempfile.TemporaryDirectory() as scratch:
         return study_tables(run_cells(cells, CellStore(scratch)))
 

@@ -24,6 +24,7 @@ def study(
     ],
     worlds: Annotated[str, typer.Option(help="World seeds: a number of worlds, or seeds by commas, like 0,1,2.")] = "1",
     seeds: Annotated[int, typer.Option(min=1, help="Training seeds; validation chooses between them.")] = 5,
+    draws: Annotated[int, typer.Option(min=1, help="Draws of each wrong belief, for sensitivity.")] = 10,
     trips: Trips = None,
     mode: Mode = None,
     fraction: Fraction = None,
@@ -64,7 +65,7 @@ def study(
     if selection and not trips:
         raise InputError(f"--{next(iter(selection))} goes with --trips and the study nyc")
     chosen = [one for one in STUDIES if name == one or (name == "all" and (one != "nyc" or trips))]
-    studies = [_study(one, worlds, seeds, trips, selection, settings, gap) for one in chosen]
+    studies = [_study(one, worlds, seeds, draws, trips, selection, settings, gap) for one in chosen]
     jobs = check_jobs(jobs, "--jobs")
     if dry_run:
         plans = [_plan(one, out, jobs) for one in studies]
@@ -101,6 +102,7 @@ def _study(
     name: str,
     worlds: str,
     seeds: int,
+    draws: int,
     trips: list[Path] | None,
     selection: dict[str, Any],
     settings: list[str] | None,
@@ -111,7 +113,7 @@ def _study(
 
     files = tuple(str(path) for path in trips or ()) if name == "nyc" else ()
     more = selection if name == "nyc" else {}
-    return Study(name, _worlds(worlds), seeds, parsed_settings(settings or ()), files, gap, **more)
+    return Study(name, _worlds(worlds), seeds, parsed_settings(settings or ()), files, gap, draws=draws, **more)
 
 
 def _worlds(text: str) -> tuple[int, ...]:

@@ -20,13 +20,14 @@ STUDIES = ("homogeneous", "heterogeneous", "sensitivity", "nyc")
 """Sections 5.1, 5.2, both with fig:sens_syn and fig:sens_syn_2, and 5.3 of the paper."""
 
 MOST = 10_000
-"""Worlds, and training seeds, of a study."""
+"""Worlds, training seeds, and draws of a belief, of a study."""
 
 MOST_CELLS = 200_000
 """Of a study: months of work on any machine."""
 
 EPSILONS = (2.0, 4.0, 6.0)
 DRAWS = 10
+"""Of each wrong belief, the paper's."""
 
 _HOMOGENEOUS = (
     "Myopic, true MNL",
@@ -70,6 +71,8 @@ class Study:
     mode, fraction : str, float, optional
         How trips become instances, for ``nyc``, see :func:`optkit.instances.new_york.trip_scenario.trip_scenario`.
         ``mondays`` is the paper's way.
+    draws : int
+        Draws of each wrong belief, for ``sensitivity`` (the paper's ten).
     """
 
     name: str
@@ -80,6 +83,7 @@ class Study:
     gap: bool = True
     mode: str = "folded"
     fraction: float | None = None
+    draws: int = DRAWS
 
     def __post_init__(self) -> None:
         if self.name not in STUDIES:
@@ -89,12 +93,13 @@ class Study:
         worlds = tuple(whole_number(f"worlds[{k}]", world, least=0) for k, world in enumerate(self.worlds))
         object.__setattr__(self, "worlds", worlds)
         object.__setattr__(self, "seeds", whole_number("seeds", self.seeds, least=1, most=MOST))
+        object.__setattr__(self, "draws", whole_number("draws", self.draws, least=1, most=MOST))
         if len(self.worlds) > MOST:
             raise InputError(f"{len(self.worlds):,} worlds are too many: take {MOST:,} at most")
         cells = len(self.worlds) * sum(1 for name in self.scenarios for _ in self._of({"scenario": name}))
         if cells > MOST_CELLS:
             raise InputError(
-                f"the study would have {cells:,} cells: take fewer worlds or seeds ({MOST_CELLS:,} at most)"
+                f"the study would have {cells:,} cells: take fewer worlds, seeds or draws ({MOST_CELLS:,} at most)"
             )
         if self.name == "nyc" and not self.trips:
             raise InputError("the study nyc needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
@@ -163,7 +168,7 @@ class Study:
         yield Cell("perturbed", place, {"epsilon": 0.0, "draw": 0, **base})
         for groups in (None, [0], [1], [2]) if place["scenario"] == "II" else (None,):
             for epsilon in EPSILONS:
-                for draw in range(DRAWS):
+                for draw in range(self.draws):
                     who = {} if groups is None else {"groups": groups}
                     yield Cell("perturbed", place, {"epsilon": epsilon, "draw": draw, **who, **base})
 

@@ -12,20 +12,9 @@ from optkit.studies.store import CellStore
 from tests import command_line
 from tests.command_line import strict
 
-DRAWS = 2
-"""Of each wrong belief, here."""
-
 SETTINGS = {"split": (20, 4, 4), "horizon": 6}
-SMALL = ["--set", "split=20,4,4", "--set", "horizon=6"]
+SMALL = ["--draws", 2, "--set", "split=20,4,4", "--set", "horizon=6"]
 FEW = ["--set", "split=6,4,2", "--set", "horizon=20"]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_draws():
-    """A fifth of the wrong beliefs."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(grids, "DRAWS", DRAWS)
-        yield
 
 
 @pytest.fixture
@@ -107,7 +96,7 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_p
     """The cells of one draw fail, and are named; all others are there, and make the report."""
     shutil.copytree(finished[0] / "cells", tmp_path / "cells")
     store = CellStore(tmp_path / "cells")
-    lost = [c for c in grids.Study("sensitivity", settings=SETTINGS).cells() if c.settings.get("draw") == 1]
+    lost = [c for c in grids.Study("sensitivity", settings=SETTINGS, draws=2).cells() if c.settings.get("draw") == 1]
     for cell in lost:
         store.path(cell).unlink()
 

@@ -90,6 +90,8 @@ def test_the_network_is_left_out_where_it_cannot_be_made(monkeypatch):
         ({"worlds": (-1,)}, "worlds"),
         ({"seeds": 0}, "seeds = 0"),
         ({"seeds": True}, "seeds = True"),
+        ({"draws": 0}, "draws = 0"),
+        ({"draws": 1.5}, "draws = 1.5"),
         ({"name": "nyc"}, "needs trip records"),
         ({"mode": "mondays"}, "the study homogeneous has none"),
         ({"fraction": 0.3}, "the study homogeneous has none"),

@@ -192,6 +192,7 @@ def _about(study: Study, run: StudyRun) -> dict[str, Any]:
         "scenarios": list(study.scenarios),
         "worlds": list(study.worlds),
         "training seeds": study.seeds,
+        **({"draws of a belief": study.draws} if study.name == "sensitivity" else {}),
         "changed settings": {**study.settings, **study.selection},
         "certified gap": study.gap,
         "cells": len(run.cells),
