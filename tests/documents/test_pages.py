@@ -8,12 +8,16 @@ import doctest
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import pytest
+
+from tests.command_line import optkit
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -77,19 +81,34 @@ def commands(body):
         yield f"$ {typed}", command, part[len(typed) :]
 
 
+VERB = re.compile(r"(optkit (?:[^|;&<>$`*'\"]|'[^']*'|\"[^\"$`]*\")*)(?:\|([^|].*))?", re.S)
+"""A call of optkit, and what its output is piped to, of which the shell need change nothing."""
+
+
 def shell(command, folder):
-    """Run a command in a folder, with this environment's programs first, and return what it prints."""
+    """Run a command in a folder, with this environment's programs first, and return what it prints.
+
+    A plain call of optkit is made in this process, which has imported already what another would import anew.
+    """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = {"PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "OPENBLAS_NUM_THREADS": "1"}
+    said, given, verb = "", None, VERB.fullmatch(command)
+    if verb and "--dask" not in command:  # whose cluster stays in the process that started it
+        with patch.dict(os.environ, environment):
+            done = optkit(*shlex.split(verb[1])[1:], cwd=folder)
+        if verb[2] is None:
+            return done.stderr + done.stdout
+        said, given, command = done.stderr, done.stdout, verb[2]
     done = subprocess.run(
         ["bash", "-c", command],
         cwd=folder,
-        env=environment,
+        env={**os.environ, **environment},
+        input=given,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
-    return done.stdout
+    return said + done.stdout
 
 
 @pytest.mark.slow
