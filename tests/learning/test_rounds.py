@@ -12,6 +12,8 @@ from optkit.basics.errors import DataError, InputError
 from optkit.bounds import full_information
 from optkit.learning.offer_log import collect
 from optkit.learning.rounds import learn_once, learn_preferences
+from optkit.models.estimation import optimum
+from optkit.models.estimation.newton import maximise
 from optkit.models.preferences.fit import fit_preferences
 from optkit.models.preferences.offers import Offers
 from optkit.policies import PostDecisionPricing
@@ -28,8 +30,8 @@ def days():
 
 @pytest.fixture(scope="module")
 def learned():
-    """What eight rounds on 300 instances of I.1 teach."""
-    return learn_preferences(scenario("I.1", seed=0).sample(300, seed=3), seed=1)
+    """What five rounds on 150 instances of I.1 teach."""
+    return learn_preferences(scenario("I.1", seed=0).sample(150, seed=3), rounds=5, seed=1)
 
 
 @pytest.fixture
@@ -111,7 +113,7 @@ def test_every_round_is_another_day(days, collected):
 
 def test_the_workers_of_round_two_know_nothing_of_the_arrivals(collected):
     """With the default seeds, noise of round 2 is independent of what arrived (|r| below 5 / sqrt(480) = 0.23)."""
-    train = scenario("I.1", seed=0).split().train
+    train = scenario("I.1", seed=0, horizon=20).split().train
     learn_preferences(train, rounds=2, tolerance=1e-9, seed=0)
     mood = [one.outside_noise[0] for one in collected[1][0]]
     arrivals = [(one.arrival == 0).sum() for one in collected[1][0]]
@@ -129,14 +131,13 @@ def test_learn_once_is_the_papers_data(days):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_offers_that_nobody_rejects_are_overcome(seed):
+def test_offers_that_nobody_rejects_are_overcome():
     """From offers of 2 to 3 times the reward: not identified, utility overestimated; then RMSE below 0.25.
 
     300 instances and 5 rounds give a standard error near 0.1; 0.25 is the figure asked for in the issue.
     """
-    instances = scenario("I.1", seed=seed).sample(300, seed=9)
-    found = learn_preferences(instances, rounds=5, first=RandomOffers(2.0, 3.0, seed=seed), seed=seed)
+    instances = scenario("I.1", seed=0).sample(300, seed=9)
+    found = learn_preferences(instances, rounds=5, first=RandomOffers(2.0, 3.0, seed=0), seed=0)
     first, last = found.rounds.iloc[0], found.rounds.iloc[-1]
     assert first["rejections"] == 0
     assert first["verdict"] == "not identified"
@@ -156,7 +157,6 @@ def test_a_round_that_is_not_identified_never_ends_the_search(days):
     assert found.converged
 
 
-@pytest.mark.slow
 def test_standard_errors_foresee_the_errors(learned):
     """The recorded RMSE is of the size of its standard error: within a factor of 3 in identified rounds.
 
@@ -184,9 +184,9 @@ def test_learned_prices_earn_what_true_ones_do(learned):
 @pytest.mark.slow
 def test_groups_are_learned_apart_and_pooled():
     """Scenario II: a model for each of three groups with RMSE below 0.5; one model for all is far off and says so."""
-    instances = scenario("II", seed=0).sample(300, seed=1)
-    multi = learn_preferences(instances, rounds=4, seed=0)
-    single = learn_preferences(instances, rounds=4, seed=0, pooled=True)
+    instances = scenario("II", seed=0).sample(150, seed=1)
+    multi = learn_preferences(instances, rounds=3, seed=0)
+    single = learn_preferences(instances, rounds=3, seed=0, pooled=True)
     last = multi.rounds[multi.rounds["round"] == multi.rounds["round"].max()]
     assert last["group"].tolist() == [0, 1, 2]
     assert (last["rmse"] < 0.5).all()
@@ -264,10 +264,19 @@ def test_a_negative_seed(days):
         learn_preferences(days[:20], seed=-1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["I.2", "I.3", "II"])
-def test_a_maximum_that_is_far_out_is_reached(name):
-    """A few days may put the maximum far out, but where nothing is separated Newton gets there: every fit converges."""
-    for seed in range(12):
-        found = learn_preferences(scenario(name, seed=seed).sample(3, seed=seed), seed=seed)
-        assert found.rounds["converged"].all(), seed
+@pytest.mark.parametrize(("name", "seed", "rounds", "far"), [("I.2", 11, 8, 0), ("I.3", 1, 8, 0), ("II", 8, 3, 1)])
+def test_a_maximum_that_is_far_out_is_reached(monkeypatch, name, seed, rounds, far):
+    """A few days may put the maximum far out, but where nothing is separated Newton gets there: every fit converges.
+
+    Of twelve seeds each these want the most steps, and the last has a fit that looks at first as if it had no maximum.
+    """
+    gone_on = []
+
+    def watching(*problem, watch=True, **settings):
+        gone_on.append(not watch)
+        return maximise(*problem, watch=watch, **settings)
+
+    monkeypatch.setattr(optimum, "maximise", watching)
+    found = learn_preferences(scenario(name, seed=seed).sample(3, seed=seed), rounds=rounds, seed=seed)
+    assert found.rounds["converged"].all()
+    assert sum(gone_on) == far

@@ -14,11 +14,14 @@ from optkit.learning.training import train
 from optkit.models.value import KernelValue, LinearValue
 from optkit.policies import PostDecisionPricing
 
+STEPS = 20
+"""Of the days."""
+
 
 @pytest.fixture(scope="module")
 def days():
     """Thirty instances of one group, thirty of three."""
-    return {name: scenario(name, seed=0).sample(30, seed=1) for name in ("I.1", "II")}
+    return {name: scenario(name, seed=0, horizon=STEPS).sample(30, seed=1) for name in ("I.1", "II")}
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +51,7 @@ def test_prices_are_the_same_after_the_round_trip(tmp_path, days, trained, label
     one = trained[label]
     path = one.save(tmp_path / "policy.json")
     again = Trained.load(path)
-    fresh = scenario("I.1" if one.preferences is None else "II", seed=0).sample(30, seed=2)
+    fresh = scenario("I.1" if one.preferences is None else "II", seed=0, horizon=STEPS).sample(30, seed=2)
     np.testing.assert_array_equal(prices(fresh, again.policy), prices(fresh, one.policy))
     myopic = simulate(fresh, PostDecisionPricing(choice=one.policy.choice)).reward
     assert (simulate(fresh, again.policy).reward != myopic).any()
@@ -70,7 +73,7 @@ def test_the_file_is_plain_json(tmp_path, trained):
     assert plain["value"]["coef"] == one.value.coef_.tolist()
     assert plain["preferences"]["weights"] == one.preferences.weights.tolist()
     assert plain["settings"] == {"deviations": [8.0, 4.0], "discount": 1.0, "seeds": 1, "seed": 0}
-    assert plain["source"] == {"choice": "learned", "instances": 30, "horizon": 50}
+    assert plain["source"] == {"choice": "learned", "instances": 30, "horizon": STEPS}
     assert text.isascii()
 
 
@@ -266,7 +269,7 @@ def test_instances_that_the_policy_does_not_know(days, trained, label, words):
     with pytest.raises(InputError, match=words):
         simulate(other, trained[label].policy)
     longer = scenario("I.1", seed=0, horizon=90).sample(5, seed=0)
-    with pytest.raises(InputError, match="beyond the 50 steps"):
+    with pytest.raises(InputError, match="beyond the 20 steps"):
         simulate(longer, trained["kernel"].policy)
 
 

@@ -11,6 +11,7 @@ from optkit import scenario, simulate
 from optkit.basics.errors import InputError, InstanceError, TrainingError
 from optkit.instances.queue import busy_steps
 from optkit.instances.scenario import Split
+from optkit.learning import training
 from optkit.learning.rounds import learn_preferences
 from optkit.learning.training import MOODS, PATIENCE, TrainingSettings, train
 from optkit.models.value import KernelValue, LinearValue
@@ -18,6 +19,9 @@ from optkit.policies import PostDecisionPricing
 from optkit.policies.explore import Explore
 from optkit.simulation.batch import Batch
 from optkit.simulation.metrics import mean_interval
+
+STEPS = 20
+"""Of the small split's days."""
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +31,9 @@ def world():
 
     def of(name):
         if name not in known:
-            source = scenario(name, seed=0)
+            source = scenario(name, seed=0, horizon=25)
             fresh = source.sample(200, seed=6)
-            known[name] = source.sample(240, seed=5), fresh, simulate(fresh, PostDecisionPricing()).reward
+            known[name] = source.sample(120, seed=5), fresh, simulate(fresh, PostDecisionPricing()).reward
         return known[name]
 
     return of
@@ -38,8 +42,14 @@ def world():
 @pytest.fixture(scope="module")
 def split():
     """A small split: quick trainings."""
-    days = scenario("I.1", seed=0).sample(30, seed=3)
+    days = scenario("I.1", seed=0, horizon=STEPS).sample(30, seed=3)
     return Split(days[:20], [], days[20:])
+
+
+@pytest.fixture
+def two_rounds(monkeypatch):
+    """Preferences are learned in two rounds, of up to eight, before the training's own."""
+    monkeypatch.setattr(training, "learn_preferences", partial(learn_preferences, rounds=2))
 
 
 @pytest.mark.parametrize("value", ["linear", "kernel"])
@@ -74,7 +84,7 @@ def test_waiting_pays_where_workers_abound():
 def test_from_raw_instances_to_a_policy(world):
     """With preferences learned along the way it beats the true-model myopic policy, and says what it learned."""
     days, fresh, myopic = world("I.1")
-    trained = train(Split(days, [], scenario("I.1", seed=0).sample(30, seed=7)))
+    trained = train(Split(days, [], scenario("I.1", seed=0, horizon=25).sample(30, seed=7)))
     assert mean_interval(simulate(fresh, trained.policy).reward, myopic).low > 0
     N = Batch.of(days)
     truth = N.utility[0, :-1]
@@ -102,7 +112,7 @@ def test_preferences_of_several_groups(world, choice, models):
 
 def test_given_preferences_are_used_as_they_are(world):
     """Preferences that are given are priced with, and not learned again."""
-    days = world("I.1")[0][:60]
+    days = world("I.1")[0][:40]
     given = learn_preferences(days).preferences
     trained = train(days, choice=given)
     assert trained.preferences is given
@@ -142,7 +152,7 @@ def test_experience_is_what_the_simulation_left_waiting(split):
     result = simulate(split.train, Explore(PostDecisionPricing(), 5.0, seed=3))
     starts = np.cumsum([0, *(one.n_requests for one in split.train)])
     seen = 0
-    for step in range(50):
+    for step in range(STEPS):
         expected = {}
         for b, one in enumerate(split.train):
             done = result.accepted[b, : one.n_workers]
@@ -158,7 +168,7 @@ def test_experience_is_what_the_simulation_left_waiting(split):
         if sets is not None:
             busy = busy_steps(Batch.of(split.train).worker_at >= 0)[step, list(expected)]
             np.testing.assert_array_equal(sets.busy, busy)
-    assert seen > 300
+    assert seen > 200
     assert experience.discount == 1.0
 
 
@@ -169,7 +179,7 @@ def test_the_discount_and_the_deviations_count(split):
     assert [one.discount for one in Spy.seen] == [0.9] * 3
     assert [row["deviation"] for row in trained.record] == [3.0, 2.0, 1.0]
     assert trained.settings == {"deviations": (3.0, 2.0, 1.0), "discount": 0.9, "seeds": 1, "seed": 0}
-    assert trained.source == {"choice": "true", "instances": 20, "horizon": 50}
+    assert trained.source == {"choice": "true", "instances": 20, "horizon": STEPS}
 
     class Printed(Spy):
         deviations, discount = (9.0,), 0.95
@@ -181,7 +191,7 @@ def test_the_discount_and_the_deviations_count(split):
 
 
 @pytest.mark.slow
-def test_same_seed_same_coefficients(split):
+def test_same_seed_same_coefficients(split, two_rounds):
     """Training is reproducible, with and without learning; another seed explores otherwise."""
     for choice in ("true", "learned"):
         one, two, other = (train(split, choice=choice, seed=seed) for seed in (3, 3, 4))
@@ -302,7 +312,7 @@ def interrupted(after):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("choice", ["true", "learned"])
-def test_what_was_interrupted_goes_on(tmp_path, split, choice):
+def test_what_was_interrupted_goes_on(tmp_path, split, choice, two_rounds):
     """Interrupted in the second of three seeds and started again, it does not repeat the first, and ends the same."""
     whole = train(split, choice=choice, seeds=3, seed=1)
     again = partial(train, split, choice=choice, seeds=3, seed=1, checkpoint=tmp_path)
@@ -318,7 +328,7 @@ def test_what_was_interrupted_goes_on(tmp_path, split, choice):
     np.testing.assert_array_equal(resumed.value.coef_, whole.value.coef_)
     assert resumed.score == whole.score
     assert resumed.settings == whole.settings
-    fresh = scenario("I.1", seed=0).sample(20, seed=8)
+    fresh = scenario("I.1", seed=0, horizon=STEPS).sample(20, seed=8)
     np.testing.assert_array_equal(simulate(fresh, resumed.policy).reward, simulate(fresh, whole.policy).reward)
     # Once all is there, nothing is trained.
     done = again(progress=lambda *done: told.append(done))
@@ -344,16 +354,17 @@ def test_changed_trainings_do_not_share_checkpoints(tmp_path, split):
     less = Split(split.train, [], split.validation[:5])
     calls = [
         partial(train, split),
-        partial(train, split, deviations=(8.0,)),
+        partial(train, split, deviations=(9.0,)),
         partial(train, split, LinearValue(ridge=5.0)),
         partial(train, less),
         partial(train, split.train),
         partial(train, other),
     ]
     for number, call in enumerate(calls, start=1):
-        kept = call(choice="true", checkpoint=tmp_path)
+        once = {"choice": "true", "deviations": (8.0,), **call.keywords}
+        kept = call(**once, checkpoint=tmp_path)
         assert len(os.listdir(tmp_path)) == number
-        plain = call(choice="true")
+        plain = call(**once)
         np.testing.assert_array_equal(kept.value.coef_, plain.value.coef_)
         assert kept.score == plain.score
 
@@ -486,7 +497,7 @@ def test_nothing_to_train_on_is_refused(split):
 
 def test_sources(split):
     """A scenario is split by itself; one instance is a sequence of one."""
-    source = scenario("I.1", seed=0, split=(30, 1, 10))
+    source = scenario("I.1", seed=0, split=(30, 1, 10), horizon=STEPS)
     whole, parts = train(source, choice="true"), train(source.split(), choice="true")
     np.testing.assert_array_equal(whole.value.coef_, parts.value.coef_)
     one, alone = train(split.train[0], choice="true"), train(split.train[:1], choice="true")
@@ -495,7 +506,7 @@ def test_sources(split):
 
 def test_more_instances_can_be_drawn_for_a_scenario(split):
     """They take the place of the split's, with as many in proportion to choose by."""
-    source = scenario("I.1", seed=0, split=(30, 1, 10))
+    source = scenario("I.1", seed=0, split=(30, 1, 10), horizon=STEPS)
     more = train(source, choice="true", instances=50)
     drawn = Split(source.further("train", 50), [], source.further("validation", 17))  # 10 for 30
     by_hand = train(drawn, choice="true")
@@ -517,7 +528,7 @@ def test_networks_by_their_names(split):
 
     of = {"attention": TUNED, "attention-levels": LEVELS, "attention-printed": PRINTED}
     for name, settings in of.items():
-        trained = train(split, name, choice="true", deviations=(8.0,))
+        trained = train(split.train[:3], name, choice="true", deviations=(8.0,))
         assert trained.value.settings == settings
         assert trained.settings["discount"] == settings.discount
     assert (TUNED.target, LEVELS.target, PRINTED.target) == ("difference", "level", "level")

@@ -28,30 +28,36 @@ def test_a_rush_is_two_pieces_and_its_queue_is_known():
     assert str(found).count("at steps") == 2
 
 
+@pytest.fixture
+def half_days(monkeypatch):
+    """Days of 24 steps: one slot a step still, and an eighth of the work."""
+    monkeypatch.setattr(processes, "STEPS", 24)
+
+
 @pytest.mark.slow
-def test_errors_are_as_large_as_they_are_said_to_be():
+def test_errors_are_as_large_as_they_are_said_to_be(half_days):
     """Over 8 sets of days the errors of the logarithm, by their standard errors, have a spread of about 1."""
-    found = [learn_worker_rates(processes.days(processes.constant, 6, seed=s)) for s in range(8)]
+    found = [learn_worker_rates(processes.days(processes.constant, 12, seed=s)) for s in range(8)]
     score = [np.log(one.rate[-1] / 0.5) / np.sqrt(one.covariance[-1, -1]) for one in found]
     # Four standard errors of a root mean square of 8.
     assert 0.2 < np.sqrt(np.mean(np.square(score))) < 2.0
     drawn = found[0].draw(4000, np.random.default_rng(0))
-    assert np.log(drawn).std(axis=0) == pytest.approx(np.full(50, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
+    assert np.log(drawn).std(axis=0) == pytest.approx(np.full(24, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
 
 
-def test_days_without_a_worker_and_days_full_of_them_have_rates():
+def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     """Nobody was seen: a rate near 0, and not 0; somebody always: one so high that somebody is nearly sure."""
-    nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(50, int), 10, seed=0))
+    nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(24, int), 20, seed=0))
     assert 0 < nobody.rate.max() < 0.02
-    always = learn_worker_rates(processes.days(lambda rng: np.ones(50, int), 10, seed=0))
+    always = learn_worker_rates(processes.days(lambda rng: np.ones(24, int), 20, seed=0))
     assert always.presence[0, 0] > 0.8
     assert np.isfinite(always.covariance).all()
 
 
-def test_groups_are_counted():
+def test_groups_are_counted(half_days):
     """Shares are those seen, and no group is thought impossible."""
     found = learn_worker_rates(
-        processes.days(processes.constant, 10, 0, lambda step, rng: (rng.random(step.size) < 0.25).astype(int))
+        processes.days(processes.constant, 20, 0, lambda step, rng: (rng.random(step.size) < 0.25).astype(int))
     )
     assert found.share.sum() == pytest.approx(1.0)
     assert 0.15 < found.share[1] < 0.35

@@ -134,9 +134,13 @@ def _after_busy_steps(rates: Floats) -> Floats:
     nothing, highest = (0.0, float(rates.sum())) if rows == 1 else (NOTHING, float(rates.max()))
     most = int(np.ceil(highest + 12.0 * np.sqrt(highest) + 20))
     found, length = np.zeros(rates.shape), np.ones((rows, 1))
+    # A day has few rates, and each is met in many places.
+    distinct, which = np.unique(rates, return_inverse=True)
+    joins, which = _poisson(distinct, most), which.reshape(rates.shape)
     for k in range(steps):
         length = length[: max(rows - k, 1)]
-        joined = _joined(length, _poisson(rates[: len(length), k], most, nothing))
+        join = joins[which[: len(length), k]]
+        joined = _joined(length, join[:, : _last_above(join, nothing)])
         # Whoever has as many before him as there are steps left is never seen: those may be lumped together.
         joined = np.column_stack([joined[:, : steps - k], joined[:, steps - k :].sum(axis=1)])
         total, busy = joined.sum(axis=1), joined[:, 1:].sum(axis=1)
@@ -161,12 +165,11 @@ def _joined(length: Floats, join: Floats) -> Floats:
     return total
 
 
-def _poisson(rate: Floats, most: int, nothing: float) -> Floats:
-    """Probabilities of 0, 1, ..., ``most`` who join at each rate, (rows, ...), as far as they are more than nothing."""
+def _poisson(rate: Floats, most: int) -> Floats:
+    """Probabilities of 0, 1, ..., ``most`` who join at each rate, (rates, most + 1)."""
     from scipy.stats import poisson
 
-    table = np.asarray(poisson.pmf(np.arange(most + 1), rate[:, None]))
-    return table[:, : _last_above(table, nothing)]
+    return np.asarray(poisson.pmf(np.arange(most + 1), rate[:, None]))
 
 
 def _last_above(table: Floats, nothing: float) -> int:
