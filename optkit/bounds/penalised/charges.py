@@ -90,8 +90,7 @@ class Charges:
 
         Step -1 is before the first.
         """
-        nobody = np.zeros(0, np.int64)
-        return float(sum(self._charge(step, nobody, np.zeros((1, 0), bool))[0] for step in steps))
+        return float(sum(self._nobody(int(step)) for step in steps))
 
     def along(self, last: Ints, tracked: Bools) -> Floats:
         """Charge of M runs, (M,), money.
@@ -107,60 +106,83 @@ class Charges:
         for step in range(-1, self.instance.horizon - 1):
             there = np.flatnonzero(tracked & (self.instance.arrival <= step) & (self.instance.expiry > step))
             requests = there[self._looked_at(there)]
-            total += self._charge(step, requests, last[:, requests] >= step)
+            if requests.size:  # many runs let the same requests wait
+                wait, run = np.unique(last[:, requests] >= step, axis=0, return_inverse=True)
+                total += self._charge(step, requests, wait)[run.ravel()]
+            else:
+                total += self._nobody(step)
         return total
 
+    def _nobody(self, step: int) -> float:
+        return float(self._charge(step, np.zeros(0, np.int64), np.zeros((1, 0), bool))[0])
+
     def _charge(self, step: int, requests: Ints, wait: Bools) -> Floats:
-        around, now = self._around, step + 1
-        came = self._one_step(now, requests, wait, around.own[now], known=True)
-        if not self.foresight.arrivals:
-            return came - self._one_step(now, requests, wait, around.own[now], known=False)
-        expected = np.zeros(len(wait))
-        for arrivals, p in zip(around.drawn[now], around.weight[now], strict=True):
-            expected += p * self._one_step(now, requests, wait, arrivals[arrivals >= 0], known=False)
-        return came - expected
-
-    def _one_step(self, step: int, requests: Ints, wait: Bools, arrivals: Ints, known: bool) -> Floats:
-        """G of every subset with the same arrivals; the worker as he came, or in expectation, (2^k,), money."""
-        index = np.concatenate([requests, arrivals])
+        """Charge of S sets of the k requests that wait after a step, (S,), money: all that may come, at once."""
+        arrivals, came, chance = self._cases(step + 1)
         parts = []
-        for start in range(0, len(wait), CHUNK):
-            some = wait[start : start + CHUNK]
-            open_ = np.concatenate([some, np.ones((len(some), arrivals.size), bool)], axis=1)
-            parts.append(self._lemma_1(step, np.broadcast_to(index, open_.shape), open_, known))
-        return np.concatenate(parts)
+        for start in range(0, len(chance) * len(wait), CHUNK):
+            case, row = np.divmod(np.arange(start, min(start + CHUNK, len(chance) * len(wait))), len(wait))
+            index = np.concatenate([np.broadcast_to(requests, (case.size, requests.size)), arrivals[case]], axis=1)
+            open_ = np.concatenate([wait[row], came[case]], axis=1)
+            parts.append(self._one_step(step + 1, index, open_, chance[case]))
+        return np.asarray(np.concatenate(parts).reshape(len(chance), -1).sum(axis=0))
 
-    def _lemma_1(self, step: int, index: Ints, open_: Bools, known: bool) -> Floats:
-        table = self._around.requests
-        left = table.expiry[index[:1]] > step
-        penalty = np.where(left, 0.0, table.penalty[index[:1]])
+    def _cases(self, step: int) -> tuple[Ints, Bools, Floats]:
+        """What may arrive at a step, and how much more probable it is to one who knows what comes.
+
+        Returns
+        -------
+        arrivals : (C, a) int
+            Requests, in padded rows, no two alike.
+        came : (C, a) bool
+            Which of them are no padding.
+        chance : (C, 2 + D) float
+            Probability of each case with a worker, without one, and with one of each group: 1 or 0 for what comes, less
+            what it is to those without foresight.
+        """
+        around, share = self._around, self.foresight.share
         group, p = int(self._workers.group[step]), float(self._workers.presence[step])
-        if known:
-            p = float(group >= 0)
-            weight = p * (np.arange(self.foresight.share.size) == group)
-        else:
-            weight = p * self.foresight.share
+        sure = float(group >= 0)
+        own = around.own[step]
+        cases = {tuple(own.tolist()): np.array([sure, 1.0 - sure, *(np.arange(share.size) == group)])}
+        likely = np.array([p, 1.0 - p, *(p * share)])
+        rows, weight = (around.drawn[step], around.weight[step]) if self.foresight.arrivals else ([own], np.ones(1))
+        for row, q in zip(rows, weight, strict=True):
+            one = tuple(row[row >= 0].tolist())
+            cases[one] = cases.get(one, 0.0) - q * likely
+        size = np.array([len(one) for one in cases])
+        came = np.arange(size.max()) < size[:, None]
+        # Padding is a request that arrives now: nothing about it is out of the ordinary.
+        arrivals = np.full(came.shape, max(cases, key=len)[0] if size.max() else 0)
+        arrivals[came] = [request for one in cases for request in one]
+        return arrivals, came, np.array(list(cases.values()))
+
+    def _one_step(self, step: int, index: Ints, open_: Bools, chance: Floats) -> Floats:
+        """G of S sets of open requests (S, m), in expectation over the worker: ``chance`` (S, 2 + D), (S,) money."""
+        table = self._around.requests
+        left = table.expiry[index] > step
+        penalty = np.where(left, 0.0, table.penalty[index])
         stretch = np.full(len(index), self._workers.busy[step] + 1)
         busy = RequestSets(table, step, index, open_ & left, stretch)
-        future = open_ @ penalty[0]
+        worker, nobody, groups = chance[:, 0], chance[:, 1], chance[:, 2:]
+        total = (worker + nobody) * np.where(open_, penalty, 0.0).sum(axis=1)
         if getattr(self.value, "sees_busy", False):
             idle = RequestSets(table, step, index, open_ & left, np.zeros_like(stretch))
-            for sets, chance in ((busy, p), (idle, 1.0 - p)):
-                if chance > 0:
-                    future = future + chance * self.value.value(sets)
-        else:
-            future = future + self.value.value(busy)
-        if not index.shape[1]:
-            return np.asarray(future)
-        worth = table.reward[index[:1]] - penalty - self.value.opportunity_cost(busy)
-        for g in np.flatnonzero(weight > 0):
-            mu = self.instance.mu[g]
-            relative = np.broadcast_to(table.utility[g][index[:1]] / mu, worth.shape)
-            advantage = np.where(open_, worth / mu + relative, -np.inf)
-            scale = np.full((len(worth), 1), mu)
-            d = Decisions((len(worth),), worth, relative, scale, open_, advantage)
-            future = future + weight[g] * mu * nonnegative(d).ratio[:, 0]
-        return np.asarray(future)
+            for sets, p in ((busy, worker), (idle, nobody)):
+                if p.any():
+                    total += p * self.value.value(sets)
+        elif (worker + nobody).any():
+            total += (worker + nobody) * self.value.value(busy)
+        if not index.shape[1] or not groups.any():
+            return np.asarray(total)
+        worth = table.reward[index] - penalty - self.value.opportunity_cost(busy)
+        for g in np.flatnonzero(groups.any(axis=0)):
+            mu, s = self.instance.mu[g], np.flatnonzero(groups[:, g])
+            relative = table.utility[g][index[s]] / mu
+            advantage = np.where(open_[s], worth[s] / mu + relative, -np.inf)
+            d = Decisions((s.size,), worth[s], relative, np.full((s.size, 1), mu), open_[s], advantage)
+            total[s] += groups[s, g] * mu * nonnegative(d).ratio[:, 0]
+        return np.asarray(total)
 
 
 class KeptCharges(Charges):
@@ -177,8 +199,17 @@ class KeptCharges(Charges):
     def _kept(self) -> dict[int, Floats]:
         return {}
 
+    @cached_property
+    def _kept_nobody(self) -> dict[int, float]:
+        return {}
+
     def __call__(self, step: int, requests: Ints) -> Floats:
         """Charge of every subset of the k requests that wait after a step, (2^k,), money."""
         if step not in self._kept:
             self._kept[step] = super().__call__(step, requests)
         return self._kept[step]
+
+    def _nobody(self, step: int) -> float:
+        if step not in self._kept_nobody:
+            self._kept_nobody[step] = super()._nobody(step)
+        return self._kept_nobody[step]

@@ -78,7 +78,7 @@ class PenalizedCertificate:
         program = penalized_program(instance, self.tracked, multipliers)
         charges = KeptCharges.of(self.charges)
         bound, attained = program.check(list(self.tables), charges)
-        idle = self.charges.idle(idle_steps(program))
+        idle = charges.idle(idle_steps(program))
         return Verdict(bound=sum_up([bound, -idle]), attained=attained - idle, residual=0.0)
 
 
@@ -159,7 +159,7 @@ def penalized(
     method = "exact" if tracked.all() else "hybrid"
     record = SolverRecord(method, "solved", time.perf_counter() - started, details)
     certificate = PenalizedCertificate(tables, limit, multipliers, charges)
-    return Bound(sum_up([path, -charges.idle(idle_steps(program))]), KIND, certificate, record)
+    return Bound(sum_up([path, -kept.idle(idle_steps(program))]), KIND, certificate, record)
 
 
 def penalized_program(instance: Instance, tracked: Bools, multipliers: Floats) -> SubsetProgram:
