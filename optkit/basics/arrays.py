@@ -149,7 +149,7 @@ def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputErro
         array = real(name, array, error=error)
         wrong = (array != np.floor(array)) | (np.abs(array) > EXACT)
     else:
-        wrong = array > np.iinfo(np.int64).max
+        wrong = array > np.iinfo(np.int64).max if array.dtype.kind == "u" else np.zeros(0, bool)
     check_shape(name, array, shape, error=error)
     if wrong.any():
         place = _first(wrong)
@@ -223,6 +223,8 @@ def check_shape(name: str, array: npt.NDArray[Any], shape: Shape | None, *, erro
 
 def _array(name: str, value: Any, error: Error, *, flags: bool = False, any_kind: bool = False) -> npt.NDArray[Any]:
     """Return what is given as an array, without a copy where it is one: of numbers or objects, or as said."""
+    if type(value) is np.ndarray and value.dtype.kind in "fiu":  # most are, and need no more questions
+        return value
     nested = isinstance(value, list | tuple)
     kinds = _kinds(value) if nested else {type(value)}
     if any(issubclass(kind, np.ma.MaskedArray) for kind in kinds):

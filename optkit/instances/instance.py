@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -312,13 +312,18 @@ class Instance(ReadOnlyArrays):
         scale = self.mu[self.worker_group]
         outside = rng.gumbel(-np.euler_gamma * scale, scale)
         if self.n_workers * self.n_requests <= DENSE_NOISE_LIMIT:
-            per_worker = scale[:, None]
-            noise: Any = rng.gumbel(-np.euler_gamma * per_worker, per_worker, (self.n_workers, self.n_requests))
+            # One scale for all gives the same numbers as a scale for each, sooner.
+            by_worker = scale[:, None] if (self.mu != self.mu[0]).any() else self.mu[0]
+            noise: Any = rng.gumbel(-np.euler_gamma * by_worker, by_worker, (self.n_workers, self.n_requests))
         else:
             worker, request = self.pairs()
             drawn = rng.gumbel(-np.euler_gamma * scale[worker], scale[worker])
             noise = sparse.csr_array((drawn, (worker, request)), shape=(self.n_workers, self.n_requests))
-        return replace(self, noise=noise, outside_noise=outside)
+        # All but the noise is checked already, and nobody can have changed it since.
+        other = object.__new__(type(self))
+        vars(other).update(self.__getstate__(), noise=noise, outside_noise=outside)
+        other._check_noise()
+        return other
 
     @classmethod
     def from_frames(

@@ -11,7 +11,7 @@ from optkit.basics.errors import InputError
 from optkit.basics.seeds import Stream, seed_sequence, stream
 from optkit.instances.instance import Instance
 from optkit.instances.settings import ScenarioSettings
-from optkit.instances.world import World, check_sample, furnish, poisson_requests
+from optkit.instances.world import World, check_sample, poisson_instance
 
 Part = Literal["train", "test", "validation"]
 
@@ -61,7 +61,7 @@ class Scenario:
     def instance(self, seed: int | np.random.SeedSequence) -> Instance:
         """Draw one instance, noise included."""
         rng = np.random.default_rng(seed)
-        return furnish(self.settings, self.world, poisson_requests(self.settings, self.world, rng), rng)
+        return poisson_instance(self.settings, self.world, rng).with_noise(rng)
 
     def sample(self, count: int, seed: int | np.random.SeedSequence) -> list[Instance]:
         """Draw ``count`` independent instances.

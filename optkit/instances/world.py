@@ -101,7 +101,7 @@ def poisson_requests(settings: ScenarioSettings, world: World, rng: np.random.Ge
 
 
 def furnish(settings: ScenarioSettings, world: World, requests: DrawnRequests, rng: np.random.Generator) -> Instance:
-    """Complete requests to an instance: type, lifetime, reward, penalty, utility, workers and noise.
+    """Complete requests to an instance without noise: type, lifetime, reward, penalty, utility and workers.
 
     Reward ``20 + x.w + 5 [lifetime < 3]``, penalty ``-(x.w + 0.1 lifetime)``, lifetime ``expiry - arrival`` with
     ``expiry = min(arrival + ceil(Exp(mean_lifetime)), T - 1)`` (``docs/explanation/scenarios.md``).
@@ -131,7 +131,12 @@ def furnish(settings: ScenarioSettings, world: World, requests: DrawnRequests, r
         worker_group=group[served],
         utility=utility,
         mu=np.full(settings.groups, settings.mu),
-    ).with_noise(rng)
+    )
+
+
+def poisson_instance(settings: ScenarioSettings, world: World, rng: np.random.Generator) -> Instance:
+    """Draw what arrives in one instance of a synthetic scenario; noise is drawn last, so that it may be left out."""
+    return furnish(settings, world, poisson_requests(settings, world, rng), rng)
 
 
 OVERHEAD = 3_000

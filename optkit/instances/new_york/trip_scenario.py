@@ -72,7 +72,7 @@ class TripScenario(Scenario):
             dropoff=trips.dropoff[kept].astype(np.int64),
             travel_time=trips.travel_time[kept],
         )
-        return furnish(self.settings, self.world, requests, rng)
+        return furnish(self.settings, self.world, requests, rng).with_noise(rng)
 
     def order(self, count: int, seed: int | np.random.SeedSequence) -> list[int]:
         """Return the number of the episode that each instance of ``sample(count, seed)`` realises.
