@@ -8,7 +8,7 @@ the scenario's splits and samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from optkit.bounds.penalised.foresight import LONGEST, Foresight, fifo_presence
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario
+from optkit.instances.world import check_sample, poisson_instance
 from optkit.learning.training import train
 from optkit.learning.worker_rates import WorkerRates
 from optkit.models.value import LinearValue
@@ -142,7 +143,10 @@ def scenario_charging(
         return Charging(
             fitted.value, foresight, fitted.policy, (workers, "requests: nothing is assumed, nor charged for", told)
         )
-    others = tuple(_bare(day) for day in source.sample(pool, stream(source.seed, Stream.POOL)))
+    check_sample(source.settings, pool)
+    # Their noise plays no part.
+    seeds = stream(source.seed, Stream.POOL).spawn(pool)
+    others = tuple(poisson_instance(source.settings, source.world, np.random.default_rng(one)) for one in seeds)
     nothing = float(np.exp(-source.settings.request_rate))
     foresight = Foresight(presence, share, others, nothing, draws=draws)
     requests = f"requests arrive at {source.settings.request_rate:g} a step (Poisson), as in {pool} other instances"
@@ -214,7 +218,3 @@ def worker_charging(
         f"value function: trained on {len(instances)} other instances",
     )
     return Charging(fitted.value, foresight, fitted.policy, told, learned)
-
-
-def _bare(instance: Instance) -> Instance:
-    return replace(instance, noise=None, outside_noise=None)

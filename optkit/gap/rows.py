@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -131,10 +132,10 @@ def gap_row(task: GapTask) -> dict[str, Any]:
             }
     except SolverError as error:
         return {**row, "error": str(error)}
-    policies = {}
+    policies, runs = {}, _Runs(task, instance)
     for name, policy in task.policies.items():
         with np.errstate(over="ignore", invalid="ignore"):
-            policies[name] = _evaluate(task, instance, policy, charged)
+            policies[name] = _evaluate(task, instance, policy, charged, runs)
         _must_hold(task.number, name, policies[name], bounds)
     return {**row, "bounds": bounds, "policies": policies}
 
@@ -166,7 +167,23 @@ class _Charged:
         return cls(replace(bound, certificate=replace(proof, charges=seen)), program, seen, proof.tracked)
 
 
-def _evaluate(task: GapTask, instance: Instance, policy: Policy, charged: _Charged | None) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """An instance with its noise drawn anew, several times: drawn once for all policies, if one must be simulated."""
+
+    task: GapTask
+    instance: Instance
+
+    @cached_property
+    def batch(self) -> Batch:
+        return Batch.of(
+            [self.instance.with_noise(d) for d in self.task.stream(Stream.REPORT_NOISE).spawn(self.task.redraws)]
+        )
+
+
+def _evaluate(
+    task: GapTask, instance: Instance, policy: Policy, charged: _Charged | None, runs: _Runs
+) -> dict[str, Any]:
     """Mean reward of a policy over the noise, and its charge, money; and whether they are exact."""
     if charged is not None and charged.tracked.all():
         offer, again = _asked_once(lattice_offers(instance, policy))
@@ -177,9 +194,7 @@ def _evaluate(task: GapTask, instance: Instance, policy: Policy, charged: _Charg
         everything = np.ones(instance.n_requests, bool)
         program = SubsetProgram(instance, stages(instance), np.zeros(instance.n_requests), everything)
         return {"reward": policy_value(program, lattice_offers(instance, policy)), "charge": 0.0, "exact": True}
-    draws = task.stream(Stream.REPORT_NOISE).spawn(task.redraws)
-    runs = Batch.of([instance.with_noise(draw) for draw in draws])
-    outcome = simulate(runs, policy)
+    outcome = simulate(runs.batch, policy)
     charge = 0.0
     if charged is not None:
         # Last step after which each request waited.

@@ -10,6 +10,7 @@ from optkit import Instance, scenario
 from optkit.basics.errors import InputError, PolicyError, SolverError
 from optkit.bounds import full_information
 from optkit.bounds.penalised.foresight import Foresight, fifo_presence
+from optkit.gap import charging
 from optkit.gap.charging import scenario_charging, worker_charging
 from optkit.gap.report import GapReport, gap_report
 from optkit.learning.worker_rates import learn_worker_rates
@@ -38,6 +39,12 @@ def days():
 def report(days, charges):
     """The report that most tests look at."""
     return gap_report(days, NAMED, **charges)
+
+
+@pytest.fixture(scope="module")
+def plain(days):
+    """The same without charges, by arrival information alone."""
+    return gap_report(days, NAMED, kinds=["arrival"])
 
 
 @pytest.mark.slow
@@ -97,7 +104,7 @@ def test_processes_change_nothing(days, charges, report):
     pd.testing.assert_frame_equal(again.rows, report.rows, check_exact=True)
 
 
-def test_an_interrupted_report_goes_on(days, tmp_path):
+def test_an_interrupted_report_goes_on(days, plain, tmp_path):
     """Interrupted after five instances it goes on from there, and ends with the same rows."""
 
     class StopError(Exception):
@@ -113,7 +120,7 @@ def test_an_interrupted_report_goes_on(days, tmp_path):
     seen = []
     resumed = gap_report(days, NAMED, progress=lambda done, total: seen.append((done, total)), **told)
     assert seen == [(done, 12) for done in range(5, 13)]
-    pd.testing.assert_frame_equal(resumed.rows, gap_report(days, NAMED, kinds=["arrival"]).rows)
+    pd.testing.assert_frame_equal(resumed.rows, plain.rows)
 
 
 @pytest.mark.parametrize(
@@ -168,10 +175,9 @@ def test_ones_own_policy(days):
 
 
 @pytest.mark.slow
-def test_simulated_and_enumerated_agree(days, charges):
+def test_simulated_and_enumerated_agree(days, charges, report):
     """Where too much may wait a policy is simulated and others are charged for: the same means within 4 errors."""
-    exact = gap_report(days, NAMED, **charges)
-    drawn = gap_report(days, NAMED, limit=2, redraws=150, **charges)
+    exact, drawn = report, gap_report(days, NAMED, kinds=["penalised"], limit=2, redraws=150, **charges)
     assert drawn.policies["exact"].max() < exact.policies["exact"].min()
     for name in NAMED:
         for part in ("policy", "charge"):
@@ -192,34 +198,36 @@ def test_noise_is_not_needed(days):
     assert any("noise: drawn here for 3 instances" in told for told in without.assumptions)
 
 
-@pytest.mark.slow
-def test_a_scenario_brings_what_it_needs():
-    """A scenario stands for its test instances, and charges for its own process."""
+def test_a_scenario_brings_what_it_needs(monkeypatch):
+    """A scenario stands for its test instances, and charges for its own process, from as many others as are set."""
+    monkeypatch.setattr(charging, "MOST", 200)
+    monkeypatch.setattr(charging, "POOL", 240)
     small = scenario("I.2", seed=3, split=(20, 4, 0), horizon=12)
     found = gap_report(small, {"half": RewardPercentage(0.5)})
     assert len(found.rows) == 4
     assert found.rows["bound: full"].tolist() == [full_information(day).value for day in small.split().test]
-    assert any("Poisson" in told for told in found.assumptions)
+    assert any("Poisson" in told and "240 other instances" in told for told in found.assumptions)
+    assert any("trained on 200 other instances" in told for told in found.assumptions)
     assert found.best_bound == "penalised"
 
 
-def test_workers_who_come_otherwise_make_no_penalised_bound(days, charges):
+def test_workers_who_come_otherwise_make_no_penalised_bound(days, charges, plain):
     """A worker rate that the instances contradict: one line, no bound by it, and the others stand."""
     wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.9), np.ones(1))}
-    found = gap_report(days, NAMED, **wrong)
-    assert found.bounds["kind"].tolist() == ["full", "lagrangian", "arrival"]
+    found = gap_report(days, NAMED, kinds=["arrival", "penalised"], **wrong)
+    assert found.bounds["kind"].tolist() == ["full", "arrival"]
     assert len(found.refused) == 1
     assert "workers do not come as was assumed" in found.refused[0]
     assert f"penalised bound refused: {found.refused[0]}" in found.summary()
     assert found.to_dict()["refused"] == list(found.refused)
-    pd.testing.assert_frame_equal(found.rows, gap_report(days, NAMED, kinds=["lagrangian", "arrival"]).rows)
+    pd.testing.assert_frame_equal(found.rows, plain.rows)
 
 
 @pytest.mark.slow
 def test_charges_that_are_paid_without_foresight_refuse_the_bound(days, charges):
     """Told that the process is known where it is not, the report finds out from what its policies are charged."""
     wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.05), np.ones(1))}
-    found = gap_report(days, NAMED, known_process=True, **wrong)
+    found = gap_report(days, NAMED, kinds=["arrival", "penalised"], known_process=True, **wrong)
     assert "penalised" not in found.bounds["kind"].tolist()
     assert len(found.refused) == 1
     assert "money an instance" in found.refused[0]
@@ -231,7 +239,7 @@ def test_charges_that_are_paid_without_foresight_refuse_the_bound(days, charges)
 def test_requests_that_arrive_otherwise_make_no_penalised_bound(days, charges):
     """Days that only say that they are of a scenario: rewards doubled since, the pool's requests are not theirs."""
     changed = [replace(day, reward=2.0 * day.reward) for day in days]
-    found = gap_report(changed, {"half": NAMED["half"]}, **charges)
+    found = gap_report(changed, {"half": NAMED["half"]}, kinds=["arrival", "penalised"], **charges)
     assert found.best_bound == "arrival"
     assert len(found.refused) == 1
     assert "requests do not arrive as was assumed" in found.refused[0]
