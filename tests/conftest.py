@@ -17,32 +17,44 @@ def browser():
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if program is None:
         pytest.skip("Chromium is missing: install your system's package, for example apt-get install chromium")
+    # No name but this machine's is found. To intercept what pages ask for would switch their cache off.
+    beyond = "--host-resolver-rules=MAP * ~NOTFOUND, " + ", ".join(f"EXCLUDE {host}" for host in HERE)
     with api.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        running = driver.chromium.launch(executable_path=program, args=["--no-sandbox", beyond])
         yield running
         running.close()
 
 
-@pytest.fixture
-def page(browser):
-    """A page that may reach this machine only, and fails the test for each console error and each wish to go beyond."""
+@pytest.fixture(scope="module")
+def visit(browser):
+    """A browser's visit, whose tabs share what they load, and the list of its complaints, kept by :func:`page`."""
     complaints = []
     context = browser.new_context(viewport={"width": 1280, "height": 800})
 
-    def watch(route, request):
-        address = urlsplit(request.url)
+    def watch(wanted):
+        address = urlsplit(wanted.url)
         if address.scheme in ("http", "https", "ws", "wss") and address.hostname not in HERE:
-            complaints.append(f"asks for {request.url}")
-            route.abort()
-        else:
-            route.continue_()
+            complaints.append(f"asks for {wanted.url}")
 
-    context.route("**/*", watch)
-    tab = context.new_page()
-    tab.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
-    tab.on("pageerror", lambda error: complaints.append(str(error)))
-    yield tab
+    context.on("request", watch)
+    context.on("page", lambda tab: tab.on("websocket", watch))
+    context.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+    context.on("weberror", lambda error: complaints.append(str(error.error)))
+    yield context, complaints
     context.close()
+
+
+@pytest.fixture
+def page(visit):
+    """A page that may reach this machine only, and fails the test for each console error and each wish to go beyond.
+
+    So do the pages that it opens, all of which are closed at its end.
+    """
+    context, complaints = visit
+    complaints.clear()
+    yield context.new_page()
+    for tab in context.pages:
+        tab.close()
     assert not complaints
 
 

@@ -299,7 +299,7 @@ def _():
     mo.md(r"""
     ## Does it pay to think ahead?
 
-    Simulate 1,500 days with Gumbel moods, twice: the *myopic* policy takes $\Delta = 0$, the *optimal* one the exact
+    Simulate 750 days with Gumbel moods, twice: the *myopic* policy takes $\Delta = 0$, the *optimal* one the exact
     $\Delta$, and both price by notebook 4. The optimal mean must be the value that we computed, within chance. Since
     both meet the same days, their difference is known better than either mean.
     """)
@@ -308,7 +308,7 @@ def _():
 
 @app.cell
 def _(by_hand, model, solution):
-    days = model.sample(1500, seed=1)
+    days = model.sample(750, seed=1)
     myopic = simulate(days, PostDecisionPricing()).reward
     optimal = simulate(days, PostDecisionPricing(value_function=BelievedValue(ExactTable(solution)))).reward
     error, paired = (x.std(ddof=1) / len(days) ** 0.5 for x in (optimal, optimal - myopic))
