@@ -16,6 +16,7 @@ from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.exact.exact_value import ExactSolution, solve_exactly
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.exact.table import ExactTable
+from optkit.bounds.penalised.charges import KeptCharges
 from optkit.bounds.penalised.foresight import Foresight, join_requests
 from optkit.bounds.penalised.penalized import idle_steps, penalized, penalized_program
 from optkit.learning.training import train
@@ -131,11 +132,14 @@ def lattice(day):
     return SubsetProgram(day, stages(day), np.zeros(n), np.ones(n, bool))
 
 
-def charged_value(bound, offer):
-    """What a policy earns on the bound's instance, less the bound's own charges: its mean is that of the policy."""
+def charged_values(bound, offers):
+    """What policies earn on the bound's instance, less its own charges: their means are those of the policies."""
     proof = bound.certificate
-    program = penalized_program(proof.charges.instance, proof.tracked, proof.multipliers)
-    return policy_value(program, offer, proof.charges) - proof.charges.idle(idle_steps(program))
+    program, charges = (
+        penalized_program(proof.charges.instance, proof.tracked, proof.multipliers),
+        KeptCharges.of(proof.charges),
+    )
+    return [policy_value(program, offer, charges) - charges.idle(idle_steps(program)) for offer in offers]
 
 
 @pytest.mark.parametrize("seed", range(36))
@@ -170,7 +174,7 @@ def small_enough(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_chain_by_enumeration_of_all_paths(seed):
     """Means over all paths, without any simulation: policies <= exact <= penalised, arrival information <= dual."""
     model = small_enough(seed)
@@ -210,9 +214,9 @@ def mean_and_error(x):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 124))
+@pytest.mark.parametrize("seed", range(100, 112))
 def test_the_chain_by_simulation(seed):
-    """24 more models, 20 instances of each: on each path where it must hold, else within 4 standard errors."""
+    """12 more models, 20 instances of each: on each path where it must hold, else within 4 standard errors."""
     solution = solved(seed)
     model, foresight = solution.model, foresight_of(solution.model)
     exact, other, free = ExactTable(solution), RandomValue(seed, model.reward.size), ZeroSetValue()
@@ -221,9 +225,9 @@ def test_the_chain_by_simulation(seed):
         optimal = priced_by(exact, day)
         for value in (free, other):
             bound = penalized(day, value, foresight)
-            best.append(charged_value(bound, optimal))
-            for policy in (optimal, priced_by(other, day), half_of_rewards(day)):
-                assert bound.value >= charged_value(bound, policy) - 1e-9
+            earned = charged_values(bound, [optimal, priced_by(other, day), half_of_rewards(day)])
+            best.append(earned[0])
+            assert bound.value >= max(earned) - 1e-9
         arrivals.append(arrival_exact(day).value)
         assert arrivals[-1] >= policy_value(lattice(day), optimal) - 1e-9
         full.append(np.mean([full_information(day.with_noise(draw)).value for draw in range(5)]))
@@ -260,7 +264,7 @@ def test_a_trained_value_function_charges_better_than_random_ones(choosy):
         gaps[-1, k] = arrival_exact(day).value - policy_value(lattice(day), optimal)
         for row, value in enumerate([trained, *others]):
             bound = penalized(day, value, foresight)
-            gaps[row, k] = bound.value - charged_value(bound, optimal)
+            gaps[row, k] = bound.value - charged_values(bound, [optimal])[0]
     assert (gaps >= -1e-9).all()
     for worse in gaps[1:]:
         mean, error = mean_and_error(worse - gaps[0])

@@ -8,6 +8,7 @@ import pytest
 
 from optkit import Instance
 from optkit.bounds.arrival.policy_value import policy_value
+from optkit.bounds.penalised.charges import KeptCharges
 from optkit.bounds.penalised.foresight import Foresight
 from optkit.bounds.penalised.penalized import idle_steps, penalized, penalized_program
 from optkit.bounds.penalised.presence import fifo_presence
@@ -101,13 +102,14 @@ def share_of_reward(day, share):
     return lambda step, worker, requests, open_: np.broadcast_to(share * day.reward[requests], open_.shape)
 
 
-def evaluated(day, bound, share):
-    """Reward of a policy, and its charge under the bound."""
+def evaluated(day, bound, shares):
+    """Rewards of policies, and their charges under the bound."""
     proof = bound.certificate
-    program = penalized_program(day, proof.tracked, proof.multipliers)
-    reward = policy_value(program, share_of_reward(day, share))
-    paid = policy_value(program, share_of_reward(day, share), proof.charges)
-    return reward, reward - paid + proof.charges.idle(idle_steps(program))
+    program, charges = penalized_program(day, proof.tracked, proof.multipliers), KeptCharges.of(proof.charges)
+    for share in shares:
+        reward = policy_value(program, share_of_reward(day, share))
+        paid = policy_value(program, share_of_reward(day, share), charges)
+        yield reward, reward - paid + charges.idle(idle_steps(program))
 
 
 def means(model, value, foresight):
@@ -116,8 +118,7 @@ def means(model, value, foresight):
     for day, p in model.days():
         bound = penalized(day, value, foresight)
         paid = []
-        for share in (0.4, 0.8):
-            reward, charge = evaluated(day, bound, share)
+        for reward, charge in evaluated(day, bound, (0.4, 0.8)):
             least = min(least, bound.value - (reward - charge))
             paid.append(charge)
         mean += p * np.array([bound.value, *paid])

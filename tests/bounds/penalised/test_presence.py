@@ -1,7 +1,5 @@
 """The queue of workers, with one rate or one for each step: against enumeration, simulation and renewal theory."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from scipy.stats import poisson
@@ -12,23 +10,18 @@ from optkit.bounds.penalised.presence import CERTAIN, LARGEST, fifo_presence, pr
 from optkit.instances.instance import fifo_queue
 
 
-def who_is_seen(joined):
-    """Whether a worker is seen at each step, by letting them queue."""
-    waiting, seen = 0, []
-    for more in joined:
-        waiting += more
-        seen.append(waiting > 0)
-        waiting -= waiting > 0
-    return tuple(seen)
-
-
 def paths_of(rates, most=9):
     """Probability of everything that can be seen, by enumeration of up to ``most`` joining at each step."""
-    chance = {}
-    for joined in product(range(most + 1), repeat=len(rates)):
-        seen = who_is_seen(joined)
-        chance[seen] = chance.get(seen, 0.0) + float(np.prod(poisson.pmf(joined, rates)))
-    return chance
+    joined = np.indices([most + 1] * len(rates)).reshape(len(rates), -1)
+    waiting, seen, p = np.zeros(joined.shape[1], int), np.zeros(joined.shape, bool), np.ones(joined.shape[1])
+    for step, rate in enumerate(rates):
+        waiting += joined[step]
+        seen[step] = waiting > 0
+        waiting -= seen[step]
+        p *= poisson.pmf(joined[step], rate)
+    paths, of = np.unique(seen.T, axis=0, return_inverse=True)
+    chance = np.bincount(of.ravel(), weights=p)
+    return {tuple(path): chance[i] for i, path in enumerate(paths.tolist())}
 
 
 def stretch_before(seen):
