@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1] / "optkit"
@@ -35,7 +36,8 @@ def unit(path: Path, root: Path = ROOT) -> str:
     return first.removesuffix(".py")
 
 
-def imported(path: Path, root: Path = ROOT) -> set[str]:
+@cache
+def imported(path: Path, root: Path = ROOT) -> frozenset[str]:
     """Dotted names of the kit that a file imports anywhere, also inside functions and for type checkers only.
 
     ``from optkit import x`` imports the module or package ``x`` where there is one, and the face's name where not.
@@ -52,7 +54,7 @@ def imported(path: Path, root: Path = ROOT) -> set[str]:
                 place = root.parent / whole.replace(".", "/")
                 is_module = place.is_dir() or place.with_suffix(".py").exists()
                 found.add(whole if is_module else str(node.module))
-    return {name for name in found if name.split(".")[0] == "optkit"}
+    return frozenset(name for name in found if name.split(".")[0] == "optkit")
 
 
 def arrows(root: Path = ROOT) -> dict[str, set[str]]:
@@ -103,7 +105,7 @@ def module_circles(root: Path = ROOT) -> list[tuple[str, ...]]:
     graph: dict[str, set[str]] = {}
     for path in root.rglob("*.py"):
         name = ".".join(("optkit", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__")
-        graph[name] = imported(path, root)
+        graph[name] = set(imported(path, root))
     known = {here: {one for one in there if one in graph} - {here} for here, there in graph.items()}
     return circles(known)
 

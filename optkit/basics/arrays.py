@@ -149,9 +149,9 @@ def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputErro
         array = real(name, array, error=error)
         wrong = (array != np.floor(array)) | (np.abs(array) > EXACT)
     else:
-        wrong = array > np.iinfo(np.int64).max if array.dtype.kind == "u" else np.zeros(0, bool)
+        wrong = array > np.iinfo(np.int64).max if array.dtype.kind == "u" else None
     check_shape(name, array, shape, error=error)
-    if wrong.any():
+    if wrong is not None and wrong.any():
         place = _first(wrong)
         raise error(f"{name}{_written(place)} = {array[place]:.17g} is not a whole number of moderate size")
     return read_only(np.array(array, dtype=np.int64))
@@ -214,7 +214,7 @@ def real(
 
 def check_shape(name: str, array: npt.NDArray[Any], shape: Shape | None, *, error: Error = InputError) -> None:
     """Raise an error unless an array has a shape; None allows any length, or any shape."""
-    if shape is None:
+    if shape is None or array.shape == shape:
         return
     if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "")

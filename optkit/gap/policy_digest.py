@@ -15,6 +15,7 @@ import importlib
 import pickle
 import sys
 import types
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from typing import Any
@@ -213,7 +214,15 @@ def _release(module: str) -> str | None:
     file = getattr(sys.modules.get(module), "__file__", None)
     if file is None or "site-packages" not in Path(file).parts:
         return None
+    if top not in _owners():
+        _owners.cache_clear()  # it may have been installed since
     try:
-        return version(packages_distributions()[top][0])
+        return version(_owners()[top][0])
     except (KeyError, PackageNotFoundError):
         return None
+
+
+@functools.cache
+def _owners() -> Mapping[str, list[str]]:
+    """Return who installed which package: to find out means to read the list of files of everything installed."""
+    return packages_distributions()

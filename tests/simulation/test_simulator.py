@@ -245,31 +245,34 @@ def test_sparse_noise_is_the_same_noise():
 def test_frequencies_follow_the_choice_model():
     """Over many draws of the noise, choices come as often as the multinomial logit says, in both groups.
 
-    Pearson's chi-square over three requests and the rejection, 20,000 draws; it must not reject at 1e-6.
+    Pearson's chi-square over three requests and the rejection, 20,000 draws in ten days of so many pairs that their
+    noise is sparse; it must not reject at 1e-6.
     """
+    T = 2_000
     offer, utility = np.array([9.0, 12.0, 14.0]), np.array([[-8.0, -12.0, -15.0], [-11.0, -10.0, -13.0]])
     mu, outside = np.array([1.0, 4.0]), np.array([0.5, -1.0])
     day = Instance(
-        horizon=20_000,
-        arrival=np.repeat(np.arange(20_000), 3),
-        expiry=np.repeat(np.arange(20_000), 3),
-        reward=np.ones(60_000),
-        penalty=np.zeros(60_000),
-        features=np.zeros((60_000, 1)),
-        pickup=np.zeros(60_000),
-        dropoff=np.zeros(60_000),
-        worker_step=np.arange(20_000),
-        worker_group=np.arange(20_000) % 2,
-        utility=np.tile(utility, 20_000),
+        horizon=T,
+        arrival=np.repeat(np.arange(T), 3),
+        expiry=np.repeat(np.arange(T), 3),
+        reward=np.ones(3 * T),
+        penalty=np.zeros(3 * T),
+        features=np.zeros((3 * T, 1)),
+        pickup=np.zeros(3 * T),
+        dropoff=np.zeros(3 * T),
+        worker_step=np.arange(T),
+        worker_group=np.arange(T) % 2,
+        utility=np.tile(utility, T),
         mu=mu,
         outside_utility=outside,
-    ).with_noise(seed=1)
-    assert sparse.issparse(day.noise)
-    result = simulate(day, lambda state: np.tile(offer, (len(state.row), 1)))
-    taken = np.where(result.accepted[0] < 0, 3, result.accepted[0] % 3)
+    )
+    days = [day.with_noise(seed) for seed in range(10)]
+    assert all(sparse.issparse(one.noise) for one in days)
+    result = simulate(days, lambda state: np.tile(offer, (len(state.row), 1)))
+    taken = np.where(result.accepted < 0, 3, result.accepted % 3)
     for d in (0, 1):
         chance, reject = acceptance_probabilities(offer, utility[d], mu[d], outside_utility=outside[d])
-        observed = np.bincount(taken[day.worker_group == d], minlength=4)
+        observed = np.bincount(taken[:, day.worker_group == d].ravel(), minlength=4)
         assert stats.chisquare(observed, 10_000 * np.append(chance, reject)).pvalue > 1e-6
 
 
