@@ -14,7 +14,7 @@ from optkit.basics.paths import resolved
 from optkit.basics.plain_json import to_json
 from optkit.evaluation.main_job import RunResult
 from optkit.plotting.boxes import box_plot
-from optkit.plotting.files import figure_bytes
+from optkit.plotting.files import figure_bytes, settled
 
 FORMAT = "optkit-run"
 FILES = ("summary.json", "table.csv", "per_instance.parquet", "performance_ratio.png", "performance_ratio.pdf")
@@ -66,6 +66,7 @@ def write_results(folder: str | os.PathLike[str], result: RunResult, title: str)
     rows = io.BytesIO()
     result.comparison.per_instance.to_parquet(rows, index=False)
     axes = box_plot(result.comparison.ratios(), title=title)
+    settled(axes.get_figure(root=True))  # type: ignore[arg-type]
     contents = {
         "table.csv": result.comparison.table.to_csv(index=False).encode(),
         "per_instance.parquet": rows.getvalue(),

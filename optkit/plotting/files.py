@@ -62,6 +62,20 @@ def figure_bytes(drawn: Axes | Figure, kind: str, *, name: str = MARK, facecolor
     return sink.getvalue()
 
 
+def settled(figure: Figure) -> Figure:
+    """Lay a finished figure out for good, and return it: every file of it is then drawn once, not measured first.
+
+    Examples
+    --------
+    >>> settled(new_figure(1.0, 1.0)).get_layout_engine() is None
+    True
+    """
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+    return figure
+
+
 def drawn_here(picture: bytes) -> bool:
     """Whether a PNG or PDF file is as :func:`figure_bytes` made it.
 

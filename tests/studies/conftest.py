@@ -57,10 +57,9 @@ def made_up_result(cell):
     }
 
 
-@pytest.fixture
-def made_up(tmp_path):
-    """Return a study and its run with made-up results, as ``made_up(name, worlds)``; trip files lie in ``trips``."""
-    trips = tmp_path / "trips"
+def maker(folder):
+    """Return what makes a study and its run with made-up results, as ``made_up(name, worlds)``."""
+    trips = folder / "trips"
     trips.mkdir()
     (trips / "a_tripdata.csv").write_text("only its digest matters")
 
@@ -71,3 +70,15 @@ def made_up(tmp_path):
         return study, StudyRun(cells, found)
 
     return make
+
+
+@pytest.fixture
+def made_up(tmp_path):
+    """Return a study and its run with made-up results, as ``made_up(name, worlds)``; trip files lie in ``trips``."""
+    return maker(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def made_once(tmp_path_factory):
+    """The same for what several tests share."""
+    return maker(tmp_path_factory.mktemp("shared"))

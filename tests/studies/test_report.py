@@ -15,6 +15,7 @@ import optkit
 from optkit.basics.errors import InputError, OptkitError
 from optkit.plotting.files import figure_bytes, new_figure
 from optkit.studies.report import report as module
+from optkit.studies.report.figures import study_figures
 from optkit.studies.report.report import check_report, report_files, write_report
 from optkit.studies.report.texts import CAPTIONS, LATEX, latex, shown
 from optkit.studies.runner import StudyRun
@@ -60,6 +61,13 @@ def small(monkeypatch):
     monkeypatch.setattr(module, "study_figures", lambda tables, trips: {})
 
 
+@pytest.fixture(scope="module")
+def written(made_once, tmp_path_factory):
+    """The largest report, of two worlds of New York: its run and its page."""
+    study, run = made_once("nyc", (0, 1))
+    return run, write_report(tmp_path_factory.mktemp("written") / "report", study, run, CLAIMS)
+
+
 @pytest.mark.slow
 def test_the_same_results_give_the_same_bytes(made_up, monkeypatch):
     """Whenever, and however long it took: all files but timings.csv are equal; another result changes them."""
@@ -76,19 +84,19 @@ def test_the_same_results_give_the_same_bytes(made_up, monkeypatch):
     cell = next(cell for cell in run.cells if cell.kind == "policy")
     result = run.found[cell.key].result
     other = run.found | {cell.key: Stored(result | {"reward": [x - 1 for x in result["reward"]]}, 1.0)}
+    monkeypatch.setattr(module, "study_figures", lambda tables, trips: study_figures({"rows": tables["rows"]}))
     changed = report_files(study, StudyRun(run.cells, other), CLAIMS)
-    lost = {name for name in first if first[name] != changed[name]}
-    assert {"ratios.csv", "ratios.parquet", "ratios.tex", "report.html", "report.json"} <= lost
+    lost = {name for name in changed if first[name] != changed[name]}
+    assert {"ratios.csv", "ratios.parquet", "ratios.tex", "report.json"} <= lost  # the page has the tables' numbers
     assert {"perf_syn_2.png", "perf_syn_2.pdf"} <= lost
     assert "bounds.csv" not in lost
 
 
 @pytest.mark.slow
-def test_every_table_and_figure_is_there(made_up, tmp_path):
+def test_every_table_and_figure_is_there(written):
     """Each in all its forms, named and linked in the page; tables as files have all rows and all digits."""
-    study, run = made_up("nyc", (0, 1))
-    path = write_report(tmp_path / "report", study, run, CLAIMS)
-    assert path == tmp_path / "report" / "report.html"
+    run, path = written
+    assert (path.parent.name, path.name) == ("report", "report.html")
     page, tables = Page(path.read_text()), study_tables(run)
     ids = {attrs.get("id") for _, attrs in page.elements}
     links = {attrs["href"] for attrs in page.all("a")}
@@ -115,12 +123,12 @@ def test_every_table_and_figure_is_there(made_up, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_page_needs_nothing_else_and_is_accessible(made_up):
+def test_the_page_needs_nothing_else_and_is_accessible(written):
     """No script, no reference beyond the page, a language, a title, headers with a scope, pictures with a text."""
-    html = report_files(*made_up("sensitivity"), CLAIMS)["report.html"].decode()
+    html = written[1].read_text()
     page = Page(html)
     assert page.all("html") == [{"lang": "en"}]
-    assert "Study sensitivity" in html.split("<title>")[1].split("</title>")[0]
+    assert "Study nyc" in html.split("<title>")[1].split("</title>")[0]
     assert not page.all("script")
     assert all(attrs["src"].startswith("data:image/svg+xml;base64,") for attrs in page.all("img"))
     assert all(len(attrs["alt"]) > 80 for attrs in page.all("img"))
@@ -324,10 +332,9 @@ def test_a_figure_is_the_same_bytes_at_any_time(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_page_opens_in_a_browser(page, made_up, tmp_path):
+def test_the_page_opens_in_a_browser(page, written):
     """Wide and narrow, light and dark: no complaint, no scrolling to the side but inside boxes, pictures drawn."""
-    study, run = made_up("nyc", leave=lambda cell: cell.place["scenario"] == "nyc-strong")
-    page.goto(write_report(tmp_path / "report", study, run, CLAIMS).as_uri())
+    page.goto(written[1].as_uri())
     assert page.title() == "Study nyc – optkit"
     for width, scheme in ((1280, "light"), (1280, "dark"), (390, "light"), (390, "dark")):
         page.set_viewport_size({"width": width, "height": 900})
@@ -335,7 +342,7 @@ def test_the_page_opens_in_a_browser(page, made_up, tmp_path):
         assert page.evaluate("document.documentElement.scrollWidth") == width
         drawn = "[...document.images].map(i => i.complete && i.naturalWidth > 0 && i.getBoundingClientRect().width)"
         sizes = page.evaluate(drawn)
-        assert len(sizes) == 5
+        assert len(sizes) == 7
         assert min(sizes) >= 600  # a picture scrolls in its card before it gets too small to be read
         colours = page.evaluate("(s => [s.color, s.backgroundColor])(getComputedStyle(document.body))")
         text, ground = (sum(map(int, re.findall(r"\d+", colour)[:3])) for colour in colours)

@@ -16,7 +16,7 @@ from optkit.basics.files import cannot_write
 from optkit.basics.folders import ResultsFolder, publish
 from optkit.basics.paths import resolved
 from optkit.basics.version import versions
-from optkit.plotting.files import figure_bytes
+from optkit.plotting.files import figure_bytes, settled
 from optkit.studies.cells import SCHEMA
 from optkit.studies.grids import Study
 from optkit.studies.policies import POLICIES
@@ -148,6 +148,7 @@ def report_files(study: Study, run: StudyRun, claims: Sequence[Mapping[str, Any]
     drawn = []
     for name, figure in figures.items():
         kinds = ("pdf", "svg", "png")
+        settled(figure)
         made = {f"{name}.{kind}": figure_bytes(figure, kind, name=name, facecolor="white") for kind in kinds}
         drawn.append(_figure(name, figure, made.pop(f"{name}.svg"), list(made)))
         contents |= made
