@@ -9,12 +9,8 @@ from functools import lru_cache, partial
 import numpy as np
 import pytest
 
-from optkit import scenario
 from optkit.basics.errors import InputError
-from optkit.cli.policy_file import own_policies
 from optkit.gap.policy_digest import policy_digest
-from optkit.learning.beliefs import BelievedValue
-from optkit.learning.training import train
 from optkit.policies import PostDecisionPricing, RewardPercentage
 
 
@@ -130,6 +126,8 @@ def test_what_a_function_names_counts(monkeypatch):
 
 def test_a_file_is_known_by_what_it_does(tmp_path):
     """Read again, from elsewhere, or with a comment more, it is the same; with another number or helper it is not."""
+    from optkit.cli.policy_file import own_policies
+
     text = "LOW = 0.4\ndef share(step):\n    return LOW + 0.01 * step\n"
     text += "def mine(state):\n    return share(state.step) * state.reward\n"
     versions = [text, "# a comment\n" + text, text.replace("0.01", "0.02"), text.replace("0.4", "0.41")]
@@ -145,6 +143,9 @@ def test_a_file_is_known_by_what_it_does(tmp_path):
 @pytest.mark.slow
 def test_trained_policies_are_the_same_in_each_process():
     """Another process, with another seed of its hashes, comes to the same digest."""
+    from optkit import scenario, train
+    from optkit.learning.beliefs import BelievedValue
+
     code = (
         "from tests.gap.test_policy_digest import *\n"
         "print(digest({'a': PostDecisionPricing(), 'b': Paying(0.5), 'c': {'x', 'y', 'z'}}), digest(by_global))"
@@ -162,7 +163,7 @@ def test_trained_policies_are_the_same_in_each_process():
 
 def test_use_changes_nothing():
     """What a policy keeps for speed is no part of it."""
-    from optkit import simulate
+    from optkit import scenario, simulate, train
 
     days = scenario("I.2", seed=0, horizon=8).sample(5, seed=1)
     policy = train(days, "linear", choice="true").policy
