@@ -38,7 +38,7 @@ READING = {
 
 
 SHORT = {"horizon": 25, "split": (60, 12, 12)}
-SMALL = {"horizon": 8, "split": (60, 12, 12)}
+SMALL = {"horizon": 6, "split": (24, 6, 6)}
 
 
 def results(folder: Path | None, name: str, small: bool):
