@@ -105,7 +105,7 @@ def test_formulas_are_written_out(site, pages):
 
 
 def test_pages_show_well(site, pages, page):
-    """Every page asks for nothing beyond this machine, complains nowhere, and fits a desk's and a dark phone's width."""
+    """Every page asks for nothing beyond this machine, complains nowhere, and fits a desk and a dark phone."""
     for path in pages:
         page.goto(path.as_uri())
         page.evaluate("document.fonts.ready")
