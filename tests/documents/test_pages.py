@@ -93,7 +93,7 @@ def shell(command, folder):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {"PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "OPENBLAS_NUM_THREADS": "1"}
     said, given, verb = "", None, VERB.fullmatch(command)
-    if verb and "--dask" not in command:  # whose cluster stays in the process that started it
+    if verb:
         with patch.dict(os.environ, environment):
             done = optkit(*shlex.split(verb[1])[1:], cwd=folder)
         if verb[2] is None:
