@@ -17,6 +17,7 @@ from optkit.cli.output import FIGURE, ROWS, write_rows
 from optkit.cli.policy_file import own_policies
 
 if TYPE_CHECKING:
+    from optkit.bounds.penalised.linear_charges import LinearCharges
     from optkit.gap.charging import Charging
     from optkit.instances.instance import Instance
     from optkit.instances.scenario import Scenario, Split
@@ -45,7 +46,11 @@ def certify(
         typer.Option(min=2, help="Test instances to use, all by default; a scenario draws more than its split has."),
     ] = None,
     kinds: Annotated[
-        str | None, typer.Option(help="Bounds, by commas: full, lagrangian, arrival, penalised. All that can be.")
+        str | None,
+        typer.Option(
+            help="Bounds, by commas: full, lagrangian, penalised-lagrangian, arrival, penalised. "
+            "All that can be but the second penalised one, which is for days on which dozens of requests wait at once."
+        ),
     ] = None,
     worker_rate: Annotated[
         str | None,
@@ -80,8 +85,9 @@ def certify(
 
     Policies are trained on the training instances and measured on the test instances, where every bound's certificate
     is checked. The penalised bound needs to know the process: a scenario does, and so does a folder that optkit
-    generate wrote; of your own, give --worker-rate. What was assumed is said, and tested on the test instances: where
-    they contradict it there is no penalised bound, one line says why, and the exit status is 1.
+    generate wrote; of your own, give --worker-rate. What was assumed is said, and tested on the test instances, what
+    was not learned on the training instances too: where they contradict it there is no penalised bound, one line says
+    why, and the exit status is 1.
     """
     from optkit.basics.parallel import check_jobs
     from optkit.bounds.arrival.exact import check_limit
@@ -108,12 +114,18 @@ def certify(
         more["kinds"] = chosen
     with progress_bar(quiet or as_json) as tell:
         charge = chosen is None or "penalised" in chosen
-        split, tested, charging, noise = _prepare(opened, train, instances, rate, shares, charge, tell)
-        if charging is None and chosen is not None and charge:
+        linear = chosen is not None and "penalised-lagrangian" in chosen
+        split, tested, charging, noise = _prepare(opened, train, instances, rate, shares, charge or linear, tell)
+        if charging is None and chosen is not None and (charge or linear):
             raise InputError(f"--kinds penalised: nothing tells how workers come in {source}: give --worker-rate")
         if charging is not None:
+            if linear:
+                tell("linear charges", 0, 1)
+                more["charges"] = _linear_charges(opened, split, charging)
             more |= {"value": charging.value, "foresight": charging.foresight, "assumptions": charging.assumptions}
             more |= {"learned": charging.learned, "known_process": not isinstance(opened, Path)}
+            if isinstance(opened, Path) and charging.learned is None:
+                more["others"] = [*split.train, *split.validation, *split.test[len(tested) :]]
         more["assumptions"] = (*more.get("assumptions", ()), *noise)
         named = _policies(wanted, given, split, charging, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
@@ -181,6 +193,16 @@ def _prepare(
             charging = replace(charging, assumptions=(drawn, *charging.assumptions))
     tell("charging", 1, 1)
     return split, tested, charging, noise
+
+
+def _linear_charges(opened: Scenario | Path, split: Split, charging: Charging) -> LinearCharges:
+    """Fit linear charges to the training instances; who knows the scenario's requests charges for them too."""
+    from optkit.bounds.penalised.charge_fit import fit_linear_charges
+    from optkit.gap.charging import scenario_linear_charges
+
+    if not isinstance(opened, Path):
+        return scenario_linear_charges(opened, split.train)
+    return fit_linear_charges(split.train, charging.foresight)
 
 
 def _rate(text: str | None) -> float | Literal["learned"] | None:

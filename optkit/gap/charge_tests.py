@@ -14,12 +14,16 @@ import numpy as np
 from scipy import stats
 
 from optkit.basics.arrays import Floats
-from optkit.gap.rows import ROUNDING
+from optkit.gap.rows import CHARGED, ROUNDING, Kind
 from optkit.gap.simulated_test import ProcessTest
 
 
 def charge_test(
-    kept: Mapping[int, Mapping[str, Any]], names: Sequence[str], *, learned_from: int | None = None
+    kept: Mapping[int, Mapping[str, Any]],
+    names: Sequence[str],
+    kinds: Sequence[Kind] = ("penalised",),
+    *,
+    learned_from: int | None = None,
 ) -> ProcessTest:
     """Test charges and the penalised bound against what policies were charged and what they earned.
 
@@ -29,6 +33,8 @@ def charge_test(
         From :func:`optkit.gap.rows.gap_row`, with penalised bounds.
     names : sequence of str
         The policies.
+    kinds : sequence of str
+        The bounds that charge.
     learned_from : int, optional
         Number of other days that the process was learned from: its own error then counts too.
 
@@ -46,15 +52,17 @@ def charge_test(
     """
     rows = list(kept.values())
     error = 1.0 if learned_from is None else float(np.sqrt(1.0 + len(rows) / learned_from))
-    bound = np.array([row["bounds"]["penalised"]["value"] for row in rows])
     found = []
-    for name in names:
-        reward, charge = (np.array([row["policies"][name][entry] for row in rows]) for entry in ("reward", "charge"))
-        above = float((reward - bound).mean())
-        told = f"the penalised bound lies {above:.2f} money an instance below what {name} earns"
-        found.append((_tail(reward - bound, error), told))
-        told = f"{name}, which does not foresee, is charged {charge.mean():.2f} money an instance for foresight"
-        found.append((2.0 * _tail(charge * np.sign(charge.mean()), error), told))
+    for kind in kinds:
+        called = "the penalised bound" if kind == "penalised" else f"the {kind} bound"
+        bound = np.array([row["bounds"][kind]["value"] for row in rows])
+        for name in names:
+            reward, charge = (np.array([row["policies"][name][x] for row in rows]) for x in ("reward", CHARGED[kind]))
+            above = float((reward - bound).mean())
+            told = f"{called} lies {above:.2f} money an instance below what {name} earns"
+            found.append((_tail(reward - bound, error), told))
+            told = f"{name}, which does not foresee, is charged {charge.mean():.2f} money an instance for foresight"
+            found.append((2.0 * _tail(charge * np.sign(charge.mean()), error), told))
     p, told = min(found)
     return ProcessTest(min(1.0, p * len(found)), told)
 

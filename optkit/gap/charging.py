@@ -16,7 +16,9 @@ import numpy.typing as npt
 from optkit.basics.arrays import real
 from optkit.basics.errors import InputError
 from optkit.basics.seeds import Stream, stream
+from optkit.bounds.penalised.charge_fit import fit_linear_charges
 from optkit.bounds.penalised.foresight import LONGEST, Foresight, fifo_presence
+from optkit.bounds.penalised.linear_charges import LinearCharges
 from optkit.instances.instance import Instance
 from optkit.instances.new_york.trip_scenario import TripScenario
 from optkit.instances.scenario import Scenario
@@ -152,6 +154,25 @@ def scenario_charging(
     requests = f"requests arrive at {source.settings.request_rate:g} a step (Poisson), as in {pool} other instances"
     told = f"value function: trained on {training} other instances"
     return Charging(fitted.value, foresight, fitted.policy, (workers, requests, told))
+
+
+def scenario_linear_charges(source: Scenario, instances: Sequence[Instance] | None = None) -> LinearCharges:
+    """Fit linear charges to a scenario's training instances, or to others of it that are not bounded.
+
+    Its workers are charged for, and how many requests arrive; with trips, whose numbers depend on each other, workers
+    alone.
+
+    Examples
+    --------
+    >>> from optkit import scenario
+    >>> scenario_linear_charges(scenario("I.2", seed=0, split=(30, 10, 0))).theta.shape
+    (2, 2, 3)
+    """
+    groups, rate = source.settings.groups, source.settings.worker_rate
+    presence = fifo_presence(rate, max(LONGEST, source.settings.horizon))
+    workers = Foresight(presence, np.full(groups, 1.0 / groups))
+    requests = None if isinstance(source, TripScenario) else source.settings.request_rate
+    return fit_linear_charges(source.split().train if instances is None else instances, workers, requests)
 
 
 def worker_charging(

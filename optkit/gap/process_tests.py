@@ -10,9 +10,17 @@ from optkit.gap.worker_tests import worker_test
 from optkit.instances.instance import Instance
 from optkit.learning.worker_rates import WorkerRates
 
+OTHERS = 200
+"""Other days that are tested on, at most: it takes seconds."""
+
 
 def process_tests(
-    instances: Sequence[Instance], foresight: Foresight, *, learned: WorkerRates | None = None, seed: int = 0
+    instances: Sequence[Instance],
+    foresight: Foresight,
+    *,
+    learned: WorkerRates | None = None,
+    others: Sequence[Instance] = (),
+    seed: int = 0,
 ) -> tuple[list[str], list[str]]:
     """Test workers, and requests if they are charged for, on the instances that are to be bounded.
 
@@ -24,6 +32,10 @@ def process_tests(
         The process.
     learned : WorkerRates, optional
         As in :func:`~optkit.gap.worker_tests.worker_test`.
+    others : sequence of Instance
+        Other days of which nothing of the foresight was made, and which are said to be alike: what is given, not
+        learned, is tested on the first :data:`OTHERS` of them too, so that few days that are bounded hide no wrong
+        rate.
     seed : int
         Of the days that are drawn.
 
@@ -43,6 +55,7 @@ def process_tests(
     []
     """
     refused, told = [], []
+    instances = [*instances, *others[:OTHERS]]
     workers = worker_test(instances, foresight, learned=learned, seed=seed)
     if workers.contradicted:
         remedy = (

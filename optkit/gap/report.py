@@ -20,12 +20,13 @@ from optkit.basics.seeds import Stream, check_seed
 from optkit.basics.version import __version__
 from optkit.bounds.arrival.exact import check_limit
 from optkit.bounds.penalised.foresight import Foresight
+from optkit.bounds.penalised.linear_charges import LinearCharges
 from optkit.bounds.penalised.penalized import LIMIT
 from optkit.gap.charge_tests import charge_test
-from optkit.gap.charging import scenario_charging
+from optkit.gap.charging import scenario_charging, scenario_linear_charges
 from optkit.gap.policy_digest import policy_digest
 from optkit.gap.process_tests import process_tests
-from optkit.gap.rows import BOUND_KINDS, GapTask, Kind, gap_row
+from optkit.gap.rows import BOUND_KINDS, CHARGED, GapTask, Kind, gap_row
 from optkit.gap.tables import gap_tables
 from optkit.instances.digest import exact_digest
 from optkit.instances.instance import Instance
@@ -117,8 +118,9 @@ class GapReport:
 
     @property
     def best_bound(self) -> str:
-        """Kind of the bound with the lowest mean."""
-        return str(self.bounds["kind"].iloc[int(self.bounds["money"].to_numpy().argmin())])
+        """Kind of the bound with the least mean gap to the best policy."""
+        gaps = self.gaps[self.gaps["policy"] == self.best_policy]
+        return str(gaps["bound"].iloc[int(gaps["money"].to_numpy().argmin())])
 
     @property
     def best_policy(self) -> str:
@@ -181,6 +183,7 @@ def gap_report(
     *,
     value: SetValue | None = None,
     foresight: Foresight | None = None,
+    charges: LinearCharges | None = None,
     kinds: Sequence[str] | None = None,
     limit: int = LIMIT,
     redraws: int = REDRAWS,
@@ -188,6 +191,7 @@ def gap_report(
     assumptions: Sequence[str] = (),
     known_process: bool = False,
     learned: WorkerRates | None = None,
+    others: Sequence[Instance] = (),
     seed: int = 0,
     n_jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
@@ -210,9 +214,12 @@ def gap_report(
     value, foresight : SetValue, Foresight, optional
         For the penalised bound: any post-decision value function, and the distribution of the instances. Neither may
         have been made from these instances.
-    kinds : sequence of {"full", "lagrangian", "arrival", "penalised"}, optional
-        Bounds to compute, see :data:`optkit.gap.rows.BOUND_KINDS`; all that can be by default. Full information is
-        always there.
+    charges : LinearCharges, optional
+        For the penalised Lagrangian, which is for days on which dozens of requests wait at once: of
+        :func:`optkit.bounds.penalised.charge_fit.fit_linear_charges`, fitted to other instances.
+    kinds : sequence of {"full", "lagrangian", "penalised-lagrangian", "arrival", "penalised"}, optional
+        Bounds to compute, see :data:`optkit.gap.rows.BOUND_KINDS`. Full information is always there; by default all
+        but the penalised ones that need what is not given, and of a scenario's the penalised Lagrangian.
     limit : int
         Requests that the penalised bound tells apart, and up to which a policy is evaluated by enumeration. Time and
         memory double with each.
@@ -227,6 +234,8 @@ def gap_report(
         only by what policies are charged. A scenario's own instances are.
     learned : WorkerRates, optional
         What the foresight's workers were learned as: the tests then allow for what could not be learned.
+    others : sequence of Instance
+        Other days that the process is tested on too, as in :func:`optkit.gap.process_tests.process_tests`.
     seed : int
         Of the arrivals that might have come, of the noise, and of the tests.
     n_jobs : int
@@ -268,17 +277,22 @@ def gap_report(
             charging = scenario_charging(source)
             value, foresight, known_process = charging.value, charging.foresight, True
             told += charging.assumptions
+        if charges is None and kinds is not None and "penalised-lagrangian" in chosen_kinds(kinds):
+            charges, known_process = scenario_linear_charges(source), True
+            told.append("linear charges: fitted to the training split")
     else:
         instances = list(source)
-    chosen = _checked(instances, policies, value, foresight, kinds, limit, redraws, confidence, seed)
+    chosen = _checked(instances, policies, value, foresight, charges, kinds, limit, redraws, confidence, seed)
     jobs = check_jobs(n_jobs)
     refused: list[str] = []
-    if "penalised" in chosen and foresight is not None and not known_process:
-        refused, tested = process_tests(instances, foresight, learned=learned, seed=seed)
+    charge_for = [kind for kind in chosen if kind in CHARGED]
+    assumed = foresight if "penalised" in chosen else charges.foresight if charges is not None else None
+    if charge_for and assumed is not None and not known_process:
+        refused, tested = process_tests(instances, assumed, learned=learned, others=others, seed=seed)
         told += tested
         if refused:
-            chosen, value, foresight = tuple(kind for kind in chosen if kind != "penalised"), None, None
-    shared = {"policies": dict(policies), "kinds": chosen, "value": value}
+            chosen, value, foresight, charges = _free(chosen), None, None, None
+    shared = {"policies": dict(policies), "kinds": chosen, "value": value, "charges": charges}
     sizes = {"limit": limit, "redraws": redraws, "seed": seed}
     hands = [None] * len(instances) if foresight is None else foresight.dealt(len(instances))
     tasks = [
@@ -299,11 +313,14 @@ def gap_report(
     kept = {i: row for i, row in rows.items() if "error" not in row}
     if not kept:
         raise SolverError(f"none of {len(rows)} instances could be bounded; the first: {failures[0]}")
-    if "penalised" in chosen:
-        charges = charge_test(kept, list(policies), learned_from=None if learned is None else learned.days)
-        if charges.contradicted:
-            refused.append(f"{charges.told}, beyond its error: the process is not the one that was assumed")
-            chosen = tuple(kind for kind in chosen if kind != "penalised")
+    charge_for = [kind for kind in chosen if kind in CHARGED]
+    if charge_for:
+        tested_charges = charge_test(
+            kept, list(policies), charge_for, learned_from=None if learned is None else learned.days
+        )
+        if tested_charges.contradicted:
+            refused.append(f"{tested_charges.told}, beyond its error: the process is not the one that was assumed")
+            chosen = _free(chosen)
     told += _said(instances, kept, chosen, redraws, failures)
     if log.found:
         told.append(f"rows: {len(log.found)} of {len(rows)} are of {log.path}, proven when they were made, not again")
@@ -331,11 +348,17 @@ def chosen_kinds(kinds: Sequence[str]) -> tuple[Kind, ...]:
     return tuple(kind for kind in BOUND_KINDS if kind in wanted or kind == "full")
 
 
+def _free(kinds: Sequence[Kind]) -> tuple[Kind, ...]:
+    """Those that charge for nothing, and so rest on no process."""
+    return tuple(kind for kind in kinds if kind not in CHARGED)
+
+
 def _checked(
     instances: Sequence[Instance],
     policies: Mapping[str, Policy],
     value: SetValue | None,
     foresight: Foresight | None,
+    charges: LinearCharges | None,
     kinds: Sequence[str] | None,
     limit: int,
     redraws: int,
@@ -360,8 +383,13 @@ def _checked(
     if kinds is None:
         if (value is None) != (foresight is None):
             raise InputError("a penalised bound needs both value and foresight: give both or neither")
-        return BOUND_KINDS if able else tuple(kind for kind in BOUND_KINDS if kind != "penalised")
+        return tuple(k for k in BOUND_KINDS if able or k != "penalised" if charges or k != "penalised-lagrangian")
     chosen = chosen_kinds(kinds)
+    if "penalised-lagrangian" in chosen and charges is None:
+        raise InputError(
+            "the penalised Lagrangian needs charges: pass a scenario, or fit them "
+            "(optkit.bounds.penalised.charge_fit.fit_linear_charges)"
+        )
     if "penalised" in chosen and not able:
         raise InputError(
             "the penalised bound needs value and foresight: pass a scenario, or make them with optkit.gap.charging"
@@ -391,6 +419,10 @@ def _key(tasks: Sequence[GapTask], foresight: Foresight | None) -> str:
     acts: dict[str, Policy] = dict(first.policies)
     plain: list[Any] = [__version__, list(acts), first.kinds, first.limit, first.redraws, first.seed]
     seals = [exact_digest(days)]
+    if (linear := first.charges) is not None:
+        of = linear.foresight
+        plain += [linear.theta.tolist(), linear.surplus_knots.tolist(), linear.time_knots.tolist()]
+        plain += [linear.request_rate, of.presence.tolist(), of.share.tolist()]
     if first.value is not None and foresight is not None:
         acts["value of the charges"] = PostDecisionPricing(value_function=BelievedValue(first.value))
         f = foresight
@@ -420,10 +452,11 @@ def _said(
     drawn = sum(one.noise is None for one in instances)
     if drawn:
         told.append(f"noise: drawn here for {drawn} instances, for the full-information bound")
-    if "penalised" in kinds:
+    if any(kind in CHARGED for kind in kinds):
         told.append(
             "money: without the luck of the arrivals, as far as the best policy's charges tell it, a control variate; "
-            "raw: the plain mean of the rows; points: with the luck"
+            "raw: the plain mean of the rows; points: with the luck. A gap to the penalised bound counts what its own "
+            "policy was charged: it is the difference of the points for the best policy alone"
         )
     if failures:
         told.append(f"WARNING: {len(failures)} instances without a proven bound are left out, which may bias the means")

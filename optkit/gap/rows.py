@@ -8,10 +8,10 @@ With all requests told apart, no policy's reward less its charge exceeds the pen
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -23,20 +23,31 @@ from optkit.bounds.arrival.lattice import lattice_bits, stages
 from optkit.bounds.arrival.policy_value import Offer, policy_value
 from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import prove
-from optkit.bounds.penalised.charges import Charges, KeptCharges
+from optkit.bounds.penalised.charges import KeptCharges
 from optkit.bounds.penalised.foresight import Foresight
-from optkit.bounds.penalised.penalized import PenalizedCertificate, idle_steps, penalized, penalized_program
+from optkit.bounds.penalised.linear_charges import LinearCharges
+from optkit.bounds.penalised.penalized import (
+    PenalizedCertificate,
+    idle_steps,
+    penalized,
+    penalized_program,
+    tracked_requests,
+)
+from optkit.bounds.penalised.penalized_dual import penalized_dual
 from optkit.gap.policy_offers import lattice_offers
 from optkit.instances.instance import Instance
 from optkit.models.value.request_sets import SetValue
 from optkit.simulation.batch import Batch
 from optkit.simulation.simulator import Policy, simulate
 
-Kind = Literal["full", "lagrangian", "arrival", "penalised"]
+Kind = Literal["full", "lagrangian", "penalised-lagrangian", "arrival", "penalised"]
 
-BOUND_KINDS: tuple[Kind, ...] = ("full", "lagrangian", "arrival", "penalised")
-"""Bounds, loosest first: full information; arrival information with each request served at most once in expectation, or
-exactly (as exactly as its size allows); arrival information with foresight charged for."""
+BOUND_KINDS: tuple[Kind, ...] = ("full", "lagrangian", "penalised-lagrangian", "arrival", "penalised")
+"""Bounds, loosest first as a rule: full information; arrival information with each request served at most once in
+expectation, or exactly (as exactly as its size allows); and each of these two with foresight charged for."""
+
+CHARGED: dict[Kind, str] = {"penalised": "charge", "penalised-lagrangian": "linear_charge"}
+"""Those that charge, and how what a policy is charged is called in a row."""
 
 ROUNDING = 1e-7
 """Of the money in play: what a bound may lie below a policy on one path before something must be wrong."""
@@ -56,6 +67,8 @@ class GapTask:
         Among :data:`BOUND_KINDS`; full information is always there, because everything is measured by it.
     value, foresight : SetValue, Foresight or None
         For the penalised bound.
+    charges : LinearCharges or None
+        For the penalised Lagrangian.
     limit : int
         Requests told apart by the penalised bound, and by the enumeration of a policy.
     redraws : int
@@ -70,6 +83,7 @@ class GapTask:
     kinds: tuple[Kind, ...]
     value: SetValue | None
     foresight: Foresight | None
+    charges: LinearCharges | None
     limit: int
     redraws: int
     seed: int
@@ -86,8 +100,9 @@ def gap_row(task: GapTask) -> dict[str, Any]:
     -------
     dict
         Plain data: ``requests``, ``workers``, ``penalty`` (sum, money); ``bounds`` by kind: ``value``, ``gap`` of its
-        certificate, ``residual``, ``seconds``, ``method``; ``policies`` by name: ``reward``, ``charge`` (money),
-        ``exact``. Or ``error``, the reason why a solver's bound could not be proven.
+        certificate, ``residual``, ``seconds``, ``method``; ``policies`` by name: ``reward``, ``charge`` and, where it
+        is charged, ``linear_charge`` (money), ``exact``. Or ``error``, the reason why a solver's bound could not be
+        proven.
 
     Raises
     ------
@@ -101,7 +116,7 @@ def gap_row(task: GapTask) -> dict[str, Any]:
     >>> from optkit import scenario
     >>> day = scenario("I.2", seed=0).sample(1, seed=1)[0]
     >>> half = {"half": lambda state: 0.5 * state.reward}
-    >>> row = gap_row(GapTask(0, day, half, ("full", "arrival"), None, None, 12, 64, 0))
+    >>> row = gap_row(GapTask(0, day, half, ("full", "arrival"), None, None, None, 12, 64, 0))
     >>> row["policies"]["half"]["reward"] < row["bounds"]["arrival"]["value"]
     True
     """
@@ -112,13 +127,14 @@ def gap_row(task: GapTask) -> dict[str, Any]:
         "workers": instance.n_workers,
         "penalty": float(instance.penalty.sum()),
     }
-    charged: _Charged | None = None
-    bounds = {}
+    charged: dict[Kind, _Charged] = {}
+    bounds: dict[Kind, dict[str, Any]] = {}
+    order: tuple[Kind, ...] = ("full", *(k for k in task.kinds if k != "full"))
     try:
-        for kind in ("full", *(k for k in task.kinds if k != "full")):
-            if kind == "penalised":
-                charged = _Charged.of(task, instance)
-                bound = charged.bound
+        for kind in order:
+            if kind in CHARGED:
+                charged[kind] = (_Charged.of if kind == "penalised" else _Charged.linear)(task, instance)
+                bound = charged[kind].bound
             else:
                 bound = _bound(kind, instance)
             verdict = prove(bound, instance)
@@ -146,33 +162,53 @@ def _bound(kind: str, instance: Instance) -> Bound:
     return arrival_information(instance, "lagrangian" if kind == "lagrangian" else None)
 
 
+class _DayCharges(Protocol):
+    """What is charged on one instance."""
+
+    def __call__(self, step: int, requests: Ints) -> Floats: ...
+
+    def idle(self, steps: Ints) -> float: ...
+
+
 @dataclass(frozen=True, eq=False)
 class _Charged:
-    """A penalised bound, with its program and charges; proving it works them out once more, for the policies too."""
+    """A bound that charges; ``along`` is the charge of M runs, from the last steps after which requests waited."""
 
     bound: Bound
-    program: SubsetProgram
-    charges: Charges
-    tracked: Bools
+    charges: _DayCharges
+    along: Callable[[Ints], Floats]
 
     @classmethod
     def of(cls, task: GapTask, instance: Instance) -> _Charged:
+        """By a value function; proving it works its charges out once more, for the policies too."""
         assert task.value is not None
         assert task.foresight is not None
         bound = penalized(instance, task.value, task.foresight, seed=task.stream(Stream.CHARGES), limit=task.limit)
         proof = bound.certificate
         assert isinstance(proof, PenalizedCertificate)
         seen = KeptCharges.of(proof.charges)
-        program = penalized_program(instance, proof.tracked, proof.multipliers)
-        return cls(replace(bound, certificate=replace(proof, charges=seen)), program, seen, proof.tracked)
+        proven = replace(bound, certificate=replace(proof, charges=seen))
+        return cls(proven, seen, lambda last: seen.along(last, proof.tracked))
+
+    @classmethod
+    def linear(cls, task: GapTask, instance: Instance) -> _Charged:
+        """By what is linear in who waits, at any number of requests."""
+        assert task.charges is not None
+        charges = task.charges.on(instance)
+        return cls(penalized_dual(instance, task.charges), charges, charges.along)
 
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """An instance with its noise drawn anew, several times: drawn once for all policies, if one must be simulated."""
+    """What all policies are evaluated on: the induction over subsets, or the noise drawn anew, several times."""
 
     task: GapTask
     instance: Instance
+
+    @cached_property
+    def program(self) -> SubsetProgram:
+        n = self.instance.n_requests
+        return penalized_program(self.instance, np.ones(n, bool), np.zeros(n))
 
     @cached_property
     def batch(self) -> Batch:
@@ -182,46 +218,48 @@ class _Runs:
 
 
 def _evaluate(
-    task: GapTask, instance: Instance, policy: Policy, charged: _Charged | None, runs: _Runs
+    task: GapTask, instance: Instance, policy: Policy, charged: Mapping[Kind, _Charged], runs: _Runs
 ) -> dict[str, Any]:
-    """Mean reward of a policy over the noise, and its charge, money; and whether they are exact."""
-    if charged is not None and charged.tracked.all():
+    """Mean reward of a policy over the noise, and its charges, money; and whether they are exact."""
+    paid = {"charge": 0.0}
+    if charged and tracked_requests(instance, task.limit).all():
         offer, again = _asked_once(lattice_offers(instance, policy))
-        reward = policy_value(charged.program, offer)
-        paid = policy_value(charged.program, again, charged.charges) - charged.charges.idle(idle_steps(charged.program))
-        return {"reward": reward, "charge": reward - paid, "exact": True}
-    if charged is None and lattice_bits(instance).max(initial=0) <= task.limit:
-        everything = np.ones(instance.n_requests, bool)
-        program = SubsetProgram(instance, stages(instance), np.zeros(instance.n_requests), everything)
-        return {"reward": policy_value(program, lattice_offers(instance, policy)), "charge": 0.0, "exact": True}
+        reward = policy_value(runs.program, offer)
+        for kind, one in charged.items():
+            left = policy_value(runs.program, again(), one.charges) - one.charges.idle(idle_steps(runs.program))
+            paid[CHARGED[kind]] = reward - left
+        return {"reward": reward, **paid, "exact": True}
+    if not charged and lattice_bits(instance).max(initial=0) <= task.limit:
+        nothing, everything = np.zeros(instance.n_requests), np.ones(instance.n_requests, bool)
+        program = SubsetProgram(instance, stages(instance), nothing, everything)
+        return {"reward": policy_value(program, lattice_offers(instance, policy)), **paid, "exact": True}
     outcome = simulate(runs.batch, policy)
-    charge = 0.0
-    if charged is not None:
-        # Last step after which each request waited.
-        last = np.tile(instance.expiry - 1, (task.redraws, 1))
-        run, worker = np.nonzero(outcome.accepted >= 0)
-        last[run, outcome.accepted[run, worker]] = instance.worker_step[worker] - 1
-        charge = float(charged.charges.along(last, charged.tracked).mean())
-    return {"reward": float(outcome.reward.mean()), "charge": charge, "exact": False}
+    # Last step after which each request waited.
+    last = np.tile(instance.expiry - 1, (task.redraws, 1))
+    run, worker = np.nonzero(outcome.accepted >= 0)
+    last[run, outcome.accepted[run, worker]] = instance.worker_step[worker] - 1
+    paid |= {CHARGED[kind]: float(one.along(last).mean()) for kind, one in charged.items()}
+    return {"reward": float(outcome.reward.mean()), **paid, "exact": False}
 
 
-def _asked_once(offer: Offer) -> tuple[Offer, Offer]:
-    """Return offers for two inductions over the same program, the second with what the first was told."""
+def _asked_once(offer: Offer) -> tuple[Offer, Callable[[], Offer]]:
+    """Return offers for an induction, and for each further one over the same program what the first was told."""
     told: list[Floats] = []
 
     def first(step: int, worker: int, requests: Ints, open_: Bools) -> Floats:
         told.append(offer(step, worker, requests, open_))
         return told[-1]
 
-    def second(step: int, worker: int, requests: Ints, open_: Bools) -> Floats:
-        return told.pop(0)
+    def again() -> Offer:
+        next_one = iter(told)
+        return lambda step, worker, requests, open_: next(next_one)
 
-    return first, second
+    return first, again
 
 
-def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mapping[str, Any]) -> None:
+def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mapping[Kind, Any]) -> None:
     """Raise a PolicyError if a value is no number, a SolverError if an exact one exceeds a bound of every path."""
-    if not np.isfinite([policy["reward"], policy["charge"]]).all():
+    if not np.isfinite(list(policy.values())).all():
         raise PolicyError(
             f"instance {number}: what {name} pays adds up to more than a number can hold; "
             "a compensation is an amount of moderate size"
@@ -229,7 +267,7 @@ def _must_hold(number: int, name: str, policy: Mapping[str, Any], bounds: Mappin
     if not policy["exact"]:
         return
     for kind, bound in bounds.items():
-        earned = policy["reward"] - (policy["charge"] if kind == "penalised" else 0.0)
+        earned = policy["reward"] - (policy[CHARGED[kind]] if kind in CHARGED else 0.0)
         if kind != "full" and earned > bound["value"] + ROUNDING * max(abs(earned), abs(bound["value"])):
             raise SolverError(
                 f"instance {number}: {name} earns {earned:.9g} in the mean over the noise, more than the bound "

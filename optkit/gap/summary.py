@@ -5,13 +5,15 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
+from optkit.gap.rows import CHARGED
+
 
 def report_text(report: Any) -> str:
     """Return the ladder, gaps and claims of a :class:`optkit.gap.report.GapReport`, and what they rest on.
 
     Where charges take the luck out of the money, the plain mean of the rows stands beside it.
     """
-    charged = "penalised" in report.bounds["kind"].to_numpy()
+    charged = any(kind in CHARGED for kind in report.bounds["kind"])
     wide = max(len(str(name)) for name in (*report.bounds["kind"], *report.policies["policy"], "policy"))
     money = "money an instance, less luck  raw mean of the rows" if charged else "money an instance"
     lines = [f"{'':{wide}s}   points of full information   {'' if charged else '   '}{money}"]

@@ -7,8 +7,8 @@ What is reported is
 .. math:: 100\, \frac{\bar U - \overline{(y - z)}}{\bar d},
 
 a ratio of *means*: charges have mean zero in money, and no longer after a division by an instance's own d. Its standard
-error is that of the mean of :math:`U - (y - z) - R\,d`, divided by :math:`\bar d` (delta method). Only the penalised
-bound needs z here: without charges, luck with the arrivals is on both sides. A mean in money has nothing to be compared
+error is that of the mean of :math:`U - (y - z) - R\,d`, divided by :math:`\bar d` (delta method). Only penalised
+bounds need z here: without charges, luck with the arrivals is on both sides. A mean in money has nothing to be compared
 with, and z takes most of the luck out of it: it is a control variate. The plain mean of the rows stands beside it.
 """
 
@@ -22,6 +22,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from optkit.basics.arrays import Floats
+from optkit.gap.rows import CHARGED, Kind
 from optkit.simulation.metrics import ROUNDING, MeanInterval
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class GapTables(NamedTuple):
 
 
 def gap_tables(
-    kept: Mapping[int, Mapping[str, Any]], names: Sequence[str], kinds: Sequence[str], confidence: float
+    kept: Mapping[int, Mapping[str, Any]], names: Sequence[str], kinds: Sequence[Kind], confidence: float
 ) -> GapTables:
     """Make the tables of a report.
 
@@ -94,10 +95,13 @@ def gap_tables(
         return np.array([row[part][name][entry] for row in rows], dtype=float)
 
     penalty = np.array([row["penalty"] for row in rows])
-    charged = "penalised" in kinds
-    charges = {name: column("policies", name, "charge") * charged for name in names}
-    best = max(names, key=lambda name: float((column("policies", name, "reward") - charges[name]).mean()))
-    luck = charges[best]
+    charges = {
+        kind: {name: column("policies", name, CHARGED[kind]) for name in names} for kind in CHARGED if kind in kinds
+    }
+    # The luck is told by the charges of the bound that knows most of it.
+    telling = next(iter(charges.values()), {name: np.zeros(len(rows)) for name in names})
+    best = max(names, key=lambda name: float((column("policies", name, "reward") - telling[name]).mean()))
+    luck = telling[best]
     full = column("bounds", "full", "value")
     # A proof rounds up: what lies above the penalties by no more than that is nothing that could be gained.
     worth = np.where(full - penalty <= ROUNDING * (np.abs(full) + np.abs(penalty)), 0.0, full - penalty)
@@ -124,12 +128,13 @@ def gap_tables(
         worst = {"certificate_gap": float(proof.max()), "residual": float(residual.max())}
         # What is charged already is compared with what was earned with the luck that it is charged for.
         plain = column("bounds", kind, "value")
-        value = plain + (luck if kind == "penalised" else 0.0)
-        found = {**level(value, luck, plain), "seconds": cost, **worst, "methods": ", ".join(methods)}
+        own = charges[kind][best] if kind in charges else luck
+        value = plain + own if kind in charges else plain
+        found = {**level(value, own, plain), "seconds": cost, **worst, "methods": ", ".join(methods)}
         bounds.append({"kind": kind, **found})
         table[f"bound: {kind}"] = plain
     for name in names:
-        reward, charge = column("policies", name, "reward"), charges[name]
+        reward, charge = column("policies", name, "reward"), telling[name]
         exact = column("policies", name, "exact") > 0
         paid = _mean(charge, confidence)
         more = {"charge": paid.mean, "charge_half_width": paid.high - paid.mean, "exact": int(exact.sum())}
@@ -137,7 +142,7 @@ def gap_tables(
         table[f"policy: {name}"], table[f"charge: {name}"] = reward, charge
         table[f"exact: {name}"] = exact
         for kind in kinds:
-            short = column("bounds", kind, "value") - reward + (charge if kind == "penalised" else 0.0)
+            short = column("bounds", kind, "value") - reward + (charges[kind][name] if kind in charges else 0.0)
             smallest = float(short[exact].min()) if exact.any() and kind != "full" else float("nan")
             raw = float((column("bounds", kind, "value") - reward).mean())
             more = {"raw_money": raw, "smallest": smallest}

@@ -9,9 +9,11 @@ import pytest
 from optkit import Instance, scenario
 from optkit.basics.errors import InputError, PolicyError, SolverError
 from optkit.bounds import full_information
+from optkit.bounds.penalised.charge_fit import fit_linear_charges
 from optkit.bounds.penalised.foresight import Foresight, fifo_presence
 from optkit.gap import charging
 from optkit.gap.charging import scenario_charging, worker_charging
+from optkit.gap.process_tests import process_tests
 from optkit.gap.report import GapReport, gap_report
 from optkit.learning.worker_rates import learn_worker_rates
 from optkit.models.value import LinearValue
@@ -373,3 +375,48 @@ def test_the_ladder_has_a_rung_for_each(report):
     points = [*report.policies["points"].sort_values(), *report.bounds["points"].sort_values()]
     assert drawn == pytest.approx(points)
     assert ax.get_title() == report.claim()
+
+
+def test_linear_charges_are_paid_by_nobody_and_lower_the_multipliers_bound():
+    """As with charges by a value function: a policy's own take the luck out, and no path is below zero."""
+    source = scenario("I.1", seed=0, split=(60, 24, 0), horizon=25)
+    found = gap_report(source, NAMED, kinds=["lagrangian", "penalised-lagrangian"])
+    rows, gaps = found.rows, found.gaps.set_index(["policy", "bound"])
+    for name in NAMED:
+        paid = rows[f"policy: {name}"] - rows[f"charge: {name}"]
+        assert (paid <= rows["bound: penalised-lagrangian"] + 1e-9).all()
+        assert abs(rows[f"charge: {name}"].mean()) < 4 * rows[f"charge: {name}"].std() / np.sqrt(len(rows))
+        assert gaps.loc[(name, "penalised-lagrangian"), "money"] < gaps.loc[(name, "lagrangian"), "money"]
+    assert found.best_bound == "penalised-lagrangian"
+    assert any("linear charges" in told for told in found.assumptions)
+
+
+def test_linear_charges_are_simulated_where_too_many_wait():
+    """Told apart or not, a policy is charged the same in the mean: by 4 standard errors of the draws."""
+    source = scenario("I.1", seed=0, split=(20, 2, 0), horizon=15)
+    asked = {"kinds": ["penalised-lagrangian"], "redraws": 2000}
+    exact, drawn = (gap_report(source, {"half": RewardPercentage(0.5)}, limit=limit, **asked) for limit in (14, 0))
+    assert exact.policies["exact"].item() == 2
+    assert drawn.policies["exact"].item() == 0
+    assert drawn.rows["charge: half"].to_numpy() == pytest.approx(exact.rows["charge: half"].to_numpy(), abs=1.0)
+
+
+def test_a_process_that_is_contradicted_has_no_linear_charges_either():
+    others, days = processes.days(processes.rush, 12, 1), processes.days(processes.rush, 12, 2)
+    charges = fit_linear_charges(others, Foresight(fifo_presence(0.5), np.ones(1)))
+    found = gap_report(days, NAMED, charges=charges, kinds=["lagrangian", "penalised-lagrangian"])
+    assert "workers do not come as was assumed" in found.refused[0]
+    assert found.bounds["kind"].tolist() == ["full", "lagrangian"]
+    with pytest.raises(InputError, match="needs charges"):
+        gap_report(days, NAMED, kinds=["penalised-lagrangian"])
+
+
+def test_other_days_tell_what_few_bounded_ones_hide():
+    """A rate that three days do not refute is refused by sixty others of which nothing was made."""
+    bounded, others = processes.days(processes.slow, 3, 1), processes.days(processes.slow, 60, 2)
+    foresight = Foresight(fifo_presence(0.5), np.ones(1))
+    assert not process_tests(bounded, foresight)[0]
+    assert "workers do not come" in process_tests(bounded, foresight, others=others)[0][0]
+    made = worker_charging(others, 0.5)
+    asked = {"value": made.value, "foresight": made.foresight, "kinds": ["penalised"]}
+    assert gap_report(bounded, NAMED, others=others, **asked).refused

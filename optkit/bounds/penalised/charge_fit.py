@@ -6,6 +6,11 @@ theorem its gradient at the best l is that of D alone: with P_ti the acceptances
 
 .. math:: \nabla_\theta = \sum_{ti} P_{ti} B_{ti} - B_{\text{total}}.
 
+What is paid if nothing is served, :math:`B_{\text{total}}\theta`, has mean zero. Its mean over the training
+instances is luck, which coefficients would chase: where dozens of requests wait they chased nothing else. So a first
+fit tells how much of it the dual takes back where it serves, and a second one leaves out as much as makes the mean
+vary least, a control variate.
+
 All instances are one market, because they share no request, so that each step is one run of Newton's method from where
 the last one ended (pathwise optimisation: Desai, Farias and Moallemi 2012).
 """
@@ -40,7 +45,7 @@ def fit_linear_charges(
     request_rate: float | None = None,
     *,
     surplus_knots: int | Sequence[float] = 2,
-    time_knots: Sequence[float] = (1.0, 3.0, 10.0),
+    time_knots: Sequence[float] | None = None,
     ridge: float = 0.01,
     max_iterations: int = 50,
 ) -> LinearCharges:
@@ -59,8 +64,8 @@ def fit_linear_charges(
         Mean number of requests that arrive in a step; None charges for workers only.
     surplus_knots : int or sequence of float
         Knots in money, or how many to spread over the surplus, 3 to 97 per cent quantile; at least 2.
-    time_knots : sequence of float
-        Knots in steps left.
+    time_knots : sequence of float, optional
+        Knots in steps left; by default one step, the instances' mean lifetime, and their geometric mean.
     ridge : float
         The mean dual plus ``ridge / 2`` times the sum of squared coefficients is minimised, at least 0; both are money,
         so that it is to be divided by a factor on the currency.
@@ -93,20 +98,13 @@ def fit_linear_charges(
         raise InputError("charges need instances with requests to be fitted to")
     ridge, max_iterations = number("ridge", ridge, least=0.0), whole_number("max_iterations", max_iterations, least=0)
     spots = _spread(instances, surplus_knots)
-    shape = (1 if request_rate is None else 2, spots.size, len(time_knots))
-    charges = LinearCharges(np.zeros(shape), spots, floats("time_knots", time_knots, (None,)), foresight, request_rate)
-    from scipy.optimize import minimize
-
+    left = _lifetimes(instances) if time_knots is None else floats("time_knots", time_knots, (None,))
+    shape = (1 if request_rate is None else 2, spots.size, left.size)
+    charges = LinearCharges(np.zeros(shape), spots, left, foresight, request_rate)
     mean = _MeanDual(instances, charges)
-    found = minimize(
-        mean.with_gradient,
-        np.zeros(charges.theta.size),
-        args=(ridge,),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": max_iterations, "ftol": INNER / 10},
-    )
-    return replace(charges, theta=found.x.reshape(shape))
+    theta = mean.minimum(np.zeros(charges.theta.size), ridge, max_iterations)
+    mean.leave_out_luck(theta)
+    return replace(charges, theta=mean.minimum(theta, ridge, max_iterations).reshape(shape))
 
 
 def _spread(instances: Sequence[Instance], surplus_knots: int | Sequence[float]) -> npt.NDArray[np.float64]:
@@ -119,12 +117,20 @@ def _spread(instances: Sequence[Instance], surplus_knots: int | Sequence[float])
     return np.linspace(low, max(high, low + 1e-6), spots)
 
 
+def _lifetimes(instances: Sequence[Instance]) -> Floats:
+    """Knots in steps left: 1, and up to the mean lifetime of the requests that can wait."""
+    lifetime = np.concatenate([one.expiry - one.arrival for one in instances])
+    return np.geomspace(1.0, max(float(lifetime[lifetime > 0].mean()), 4.0) if lifetime.any() else 4.0, 3)
+
+
 class _MeanDual:
     """The mean penalised dual of some instances as a function of theta; it remembers the last multipliers."""
 
     def __init__(self, instances: Sequence[Instance], charges: LinearCharges) -> None:
         self._instances, self._charges = instances, charges
         self._multipliers: Floats | None = None
+        self.luck = 1.0
+        """How much of what is paid if nothing is served counts: any share of it has mean zero."""
 
     @cached_property
     def _market(self) -> OpenPairs:
@@ -146,13 +152,44 @@ class _MeanDual:
 
     @cached_property
     def _basis(self) -> tuple[Floats, Floats]:
-        """Charges per unit of all pairs, (p, K), and their totals' sum, (K,)."""
+        """Charges per unit of all pairs, (p, K), and each instance's total, (n, K)."""
         bases = [self._charges.basis(one) for one in self._instances]
-        return np.concatenate([basis.pairs for basis in bases]), np.sum([basis.total for basis in bases], axis=0)
+        return np.concatenate([basis.pairs for basis in bases]), np.array([basis.total for basis in bases])
+
+    def minimum(self, theta: Floats, ridge: float, max_iterations: int) -> Floats:
+        """The coefficients at which it is least, (K,), from some on."""
+        from scipy.optimize import minimize
+
+        options = {"maxiter": max_iterations, "ftol": INNER / 10}
+        found = minimize(self.with_gradient, theta, args=(ridge,), jac=True, method="L-BFGS-B", options=options)
+        return np.asarray(found.x)
+
+    def leave_out_luck(self, theta: Floats) -> None:
+        """Let as much of the luck count as makes the mean vary least from sample to sample, at these charges."""
+        luck = self._basis[1] @ theta
+        gain = self._gains(theta) - self._gains(np.zeros(theta.size))
+        if luck.size > 2 and luck.var() > 0:
+            self.luck = float(np.clip(np.cov(gain, luck)[0, 1] / luck.var(ddof=1), 0.0, 1.0))
+
+    def _gains(self, theta: Floats) -> Floats:
+        """Each instance's dual beyond the penalties and what is paid if nothing is served, (n,), money."""
+        market = replace(self._market, advantage=self._market.advantage + self._basis[0] @ theta)
+        if not market.size:
+            return np.zeros(len(self._instances))
+        multipliers = minimise(market, INNER, INNER_STEPS, self._multipliers).multipliers
+        ratio, _ = market.respond(multipliers)
+        parts = [OpenPairs.of(one) for one in self._instances]
+        of = [
+            np.repeat(np.arange(len(parts)), [x.size for x in side])
+            for side in ([part.count for part in parts], [part.mu for part in parts])
+        ]
+        earned = np.bincount(of[1], market.presence * market.mu * ratio, len(parts))
+        return np.asarray(np.bincount(of[0], market.count * multipliers, len(parts)) + earned)
 
     def with_gradient(self, theta: Floats, ridge: float) -> tuple[float, Floats]:
         """Mean dual beyond the penalties, plus the ridge, money, and its gradient in theta, (K,)."""
-        (pairs, total), n = self._basis, len(self._instances)
+        (pairs, totals), n = self._basis, len(self._instances)
+        total = self.luck * totals.sum(axis=0)
         value, slope = -float(total @ theta), -total
         if self._market.size:
             market = replace(self._market, advantage=self._market.advantage + pairs @ theta)

@@ -46,6 +46,41 @@ class ChargeBasis(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class DayCharges:
+    """Linear charges of one instance: what waits is charged for by itself.
+
+    Attributes
+    ----------
+    instance : Instance
+    so_far : (m + 1,) float
+        Running sums of the charges of all requests, one after the other, step by step, money.
+    start : (n,) int
+        Where each request's begin.
+    """
+
+    instance: Instance
+    so_far: Floats
+    start: Ints
+
+    def __call__(self, step: int, requests: Ints) -> Floats:
+        """Charge of every subset of the k requests that wait after a step, (2^k,), money."""
+        at = self.start[requests] + step - self.instance.arrival[requests]
+        table = np.zeros(1)
+        for one in self.so_far[at + 1] - self.so_far[at]:
+            table = np.concatenate([table, table + one])
+        return table
+
+    def idle(self, steps: Ints) -> float:
+        """Charge after steps at which nothing waits: nothing."""
+        return 0.0
+
+    def along(self, last: npt.ArrayLike) -> Floats:
+        """Charge of M runs, (M,), money; ``last`` as in :meth:`LinearCharges.along`."""
+        waited = np.maximum(np.asarray(last) - self.instance.arrival + 1, 0)
+        return np.asarray((self.so_far[self.start + waited] - self.so_far[self.start]).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
 class LinearCharges:
     """Charges linear in openness, for any instance of one distribution.
 
@@ -125,10 +160,12 @@ class LinearCharges:
         last : (M, n) int
             Last step after which each request was still open; below its arrival if it never was.
         """
+        return self.on(instance).along(last)
+
+    def on(self, instance: Instance) -> DayCharges:
+        """Charges of one instance, as inductions over subsets of its requests take them."""
         terms, start, _ = self._terms(instance)
-        so_far = np.concatenate([[0.0], np.cumsum(terms @ self.theta.ravel())])
-        waited = np.maximum(np.asarray(last) - instance.arrival + 1, 0)
-        return np.asarray((so_far[start + waited] - so_far[start]).sum(axis=1))
+        return DayCharges(instance, np.concatenate([[0.0], np.cumsum(terms @ self.theta.ravel())]), start)
 
     def _terms(self, instance: Instance) -> tuple[Floats, Ints, Ints]:
         """Charges per unit for each request and each step it may wait after, and where each request's begin.
