@@ -1,7 +1,7 @@
 """What charges linear in openness take off the bounds that know all arrivals, and what the fluid bound and prices do.
 
     python benchmarks/linear.py                I.1, I.2, I.3, II in worlds 0 to 2
-    python benchmarks/linear.py --busy         I.1 where hundreds of requests come and dozens wait (a quarter of an hour)
+    python benchmarks/linear.py --busy         I.1 where hundreds of requests come, and dozens wait
 
 Charges are fitted to the split's training instances and evaluated on its test instances. Points are per cent of full
 information, ratios of means; differences are paired by instance, and the luck with arrivals is taken out by regression

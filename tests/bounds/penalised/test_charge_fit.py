@@ -88,7 +88,7 @@ def test_fresh_instances_gain(fitted):
 
 
 def test_where_dozens_wait_luck_is_not_taken_for_gain():
-    """On days when 20 requests wait, little can be gained; a fit to the luck of these would lose 100 money on others."""
+    """When 20 requests wait little can be gained; a fit to the luck of these days would lose 100 money on others."""
     busy = scenario("I.1", seed=0, horizon=25, request_rate=3.0)
     train, fresh = busy.sample(24, seed=1), busy.sample(30, seed=2)
     charges = fit_linear_charges(train, Foresight(fifo_presence(0.5), [1.0]), 3.0, max_iterations=10)
