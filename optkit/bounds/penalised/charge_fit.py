@@ -160,8 +160,14 @@ class _MeanDual:
         """The coefficients at which it is least, (K,), from some on."""
         from scipy.optimize import minimize
 
-        options = {"maxiter": max_iterations, "ftol": INNER / 10}
-        found = minimize(self.with_gradient, theta, args=(ridge,), jac=True, method="L-BFGS-B", options=options)
+        found = minimize(
+            self.with_gradient,
+            theta,
+            args=(ridge,),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": max_iterations, "ftol": INNER / 10},
+        )
         return np.asarray(found.x)
 
     def leave_out_luck(self, theta: Floats) -> None:
