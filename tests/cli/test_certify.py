@@ -17,8 +17,8 @@ from optkit.instances.storage import save_instances
 from optkit.learning.training import train
 from tests.command_line import strict
 
-SETTINGS = {"split": (40, 4, 10), "horizon": 15}
-SMALL = ["--set", "split=40,4,10", "--set", "horizon=15"]
+SETTINGS = {"split": (30, 4, 8), "horizon": 12}
+SMALL = ["--set", "split=30,4,8", "--set", "horizon=12"]
 
 
 @pytest.fixture
@@ -28,8 +28,8 @@ def certify(optkit, monkeypatch):
     Value functions for charges are trained on few instances, and arrivals drawn from few: they prove less, but as
     surely.
     """
-    monkeypatch.setattr(charging, "MOST", 60)
-    monkeypatch.setattr(charging, "POOL", 240)
+    monkeypatch.setattr(charging, "MOST", 40)
+    monkeypatch.setattr(charging, "POOL", 120)
     return partial(optkit, "certify")
 
 
@@ -171,12 +171,12 @@ def test_rates_are_learned_from_other_days(certify, own, tmp_path):
     status, out, _ = certify(own, *asked)
     assert status == 0
     assert strict(out)["bounds"][-1]["kind"] == "penalised"
-    assert any("rates learned from 50 other days" in told for told in strict(out)["assumptions"])
+    assert any("rates learned from 38 other days" in told for told in strict(out)["assumptions"])
     save_instances(tmp_path / "late", scenario("I.2", seed=0, **SETTINGS).sample(5, seed=7))
     status, out, _ = certify(tmp_path / "late", "--train", own, *asked)
     assert status == 0
     assert strict(out)["instances"] == 5
-    assert any("rates learned from 50 other days" in told for told in strict(out)["assumptions"])
+    assert any("rates learned from 38 other days" in told for told in strict(out)["assumptions"])
     status, _, err = certify(own / "train", "--train", own, *asked)
     assert status == 2
     assert re.search(r"\d+ of the days of .* are in .* too", err)
@@ -247,7 +247,7 @@ def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):
         save_instances(tmp_path / part, bare)
     status, out, _ = certify(tmp_path, "--worker-rate", 0.5, "--json")
     assert status == 0
-    assert "noise: drawn here for 54 instances of the folder, which have none" in strict(out)["assumptions"]
+    assert "noise: drawn here for 42 instances of the folder, which have none" in strict(out)["assumptions"]
     again = strict(certify(tmp_path, "--worker-rate", 0.5, "--json")[1])
     assert again["gaps"] == strict(out)["gaps"]
 

@@ -27,7 +27,7 @@ from tests.command_line import optkit
 def small(tmp_path_factory):
     """A folder with train, test and validation sets, small enough to run in seconds."""
     folder = tmp_path_factory.mktemp("sets") / "small"
-    for part, instances in scenario("I.1", seed=0, split=(12, 6, 3), horizon=20).split()._asdict().items():
+    for part, instances in scenario("I.1", seed=0, split=(12, 6, 3), horizon=12).split()._asdict().items():
         save_instances(folder / part, instances)
     return folder
 
@@ -134,12 +134,12 @@ def test_bound_reports_a_solver_that_gave_up(small):
 @pytest.mark.slow
 def test_bound_kinds_agree_with_the_library(tmp_path, monkeypatch):
     """Bounds of arrivals and the fluid are the library's; the penalised are proven, and only their mean counts."""
-    monkeypatch.setattr(charging, "MOST", 80)  # fewer instances to train on and to draw from prove less, but as surely
-    monkeypatch.setattr(charging, "POOL", 240)
-    source = scenario("I.2", seed=3, horizon=15)
-    few = ["--set", "horizon=15", "--count", 6, "--sample-seed", 5]
+    monkeypatch.setattr(charging, "MOST", 40)  # fewer instances to train on and to draw from prove less, but as surely
+    monkeypatch.setattr(charging, "POOL", 120)
+    source = scenario("I.2", seed=3, horizon=10)
+    few = ["--set", "horizon=10", "--count", 4, "--sample-seed", 5]
     optkit("generate", "I.2", "--seed", 3, *few, "--out", tmp_path / "set", check=0)
-    days = source.sample(6, 5)
+    days = source.sample(4, 5)
     for method in ("exact", "lagrangian"):
         done = optkit("bound", tmp_path / "set", "--kind", "arrival", "--method", method, "--json", check=0)
         found = [row["bound"] for row in json.loads(done.stdout)["bounds"]]
@@ -465,7 +465,7 @@ def test_run_on_trips(tmp_path):
     )
     trips.to_parquet(tmp_path / "yellow_tripdata_2018.parquet")
     for name in ("nyc-weak", "nyc-strong"):
-        few = ["--set", "horizon=30", "--set", "split=16,10,4", "--verify", 3]
+        few = ["--set", "horizon=20", "--set", "split=12,8,4", "--verify", 3]
         done = optkit("run", name, "--trips", tmp_path, "--out", tmp_path / name, *few, "--json", check=0)
         result = json.loads(done.stdout)
         assert result["verification"]["holds"]

@@ -11,7 +11,7 @@ from optkit.cli.app import app
 from optkit.studies import grids
 from tests.command_line import optkit
 
-SMALL = ["--set", "split=12,4,4", "--set", "horizon=10"]
+SMALL = ["--set", "split=8,2,2", "--set", "horizon=6"]
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from optkit.simulation.simulator import simulate
 @pytest.fixture(scope="module")
 def split():
     """A small split of Scenario I.1."""
-    return scenario("I.1", seed=0, split=(6, 4, 1), horizon=25).split()
+    return scenario("I.1", seed=0, split=(6, 4, 1), horizon=15).split()
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def run(split):
 @pytest.fixture(scope="module")
 def groups():
     """A small split of Scenario II, with three groups of workers, and a run on it."""
-    small = scenario("II", seed=0, split=(40, 6, 5), horizon=30).split()
+    small = scenario("II", seed=0, split=(20, 4, 3), horizon=15).split()
     return small, run_main_job(small, {}, verify=0, seed=3)
 
 
@@ -120,7 +120,7 @@ def test_a_policy_that_does_not_know_the_tests_is_left_out(split):
     late = replace(day, horizon=80, expiry=np.full(day.n_requests, 79), worker_step=steps)
     result = run_main_job(Split(split.train, [late], split.validation), {}, verify=0)
     assert set(result.record["not trained"]) == {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"}
-    assert all("beyond the 25 steps" in why for why in result.record["not trained"].values())
+    assert all("beyond the 15 steps" in why for why in result.record["not trained"].values())
 
 
 @pytest.mark.slow

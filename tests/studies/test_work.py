@@ -128,7 +128,7 @@ def test_perturbed_policies_believe_what_they_are_told(groups):
 @pytest.mark.slow
 def test_the_gap_is_the_report_s(monkeypatch):
     """With little training, to be quick."""
-    few = partial(scenario_charging, training=100, pool=400)
+    few = partial(scenario_charging, training=40, pool=120)
     monkeypatch.setattr(work, "scenario_charging", few)
     found = json.loads(to_json(cell("gap")))
     charging = few(SOURCE)
