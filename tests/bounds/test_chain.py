@@ -174,7 +174,7 @@ def small_enough(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_chain_by_enumeration_of_all_paths(seed):
     """Means over all paths, without any simulation: policies <= exact <= penalised, arrival information <= dual."""
     model = small_enough(seed)
@@ -213,7 +213,6 @@ def mean_and_error(x):
     return x.mean(), x.std(ddof=1) / np.sqrt(x.size) + 1e-9  # some models leave nothing but rounding
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_the_chain_by_simulation(seed):
     """12 more models, 20 instances of each: on each path where it must hold, else within 4 standard errors."""
@@ -247,19 +246,19 @@ def choosy():
         mu=[2.0, 4.0], outside_utility=[0.0, 1.0], share=[0.4, 0.6], arrivals=[0.3, 0.3], workers=[0.4, 0.6],
     )  # fmt: skip
     trained = train(model.sample(300, seed=1), choice="true")
-    return solve_exactly(model), trained.value, [RandomValue(seed, 2) for seed in range(3)]
+    return solve_exactly(model), trained.value, [RandomValue(seed, 2) for seed in range(2)]
 
 
 @pytest.mark.slow
 def test_a_trained_value_function_charges_better_than_random_ones(choosy):
-    """On 50 fresh instances, by what the bounds have above the optimal policy under the same charges.
+    """On 40 fresh instances, by what the bounds have above the optimal policy under the same charges.
 
     It leaves less than any other, and than no charges at all, by 4 standard errors of the difference.
     """
     solution, trained, others = choosy
     foresight, exact = foresight_of(solution.model), ExactTable(solution)
-    gaps = np.zeros((5, 50))
-    for k, day in enumerate(solution.model.sample(50, seed=2)):
+    gaps = np.zeros((4, 40))
+    for k, day in enumerate(solution.model.sample(40, seed=2)):
         optimal = priced_by(exact, day)
         gaps[-1, k] = arrival_exact(day).value - policy_value(lattice(day), optimal)
         for row, value in enumerate([trained, *others]):

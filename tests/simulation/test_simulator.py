@@ -241,7 +241,6 @@ def test_sparse_noise_is_the_same_noise():
         assert np.array_equal(result.reward, dense.reward)
 
 
-@pytest.mark.slow
 def test_frequencies_follow_the_choice_model():
     """Over many draws of the noise, choices come as often as the multinomial logit says, in both groups.
 

@@ -212,7 +212,6 @@ def test_no_policy_pays_anything_in_the_mean(world, arrivals):
         assert abs(sample.mean()) <= 4 * error
 
 
-@pytest.mark.slow
 def test_who_has_foresight_pays(world):
     """The test above could fail: who lets wait what the next step makes dearest pays more than who serves nobody."""
     source, value, _ = world
