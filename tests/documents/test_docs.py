@@ -21,7 +21,6 @@ SMALLER = {"own_gap.py": "8", "own_scenario.py": "10", "figures.py": "--small"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").rglob("*.py") if "1-derivation" not in path.parts)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
 def test_code_blocks_print_what_the_page_shows(page):
     """Every Python block of a page runs and prints what stands beneath it."""
@@ -30,8 +29,12 @@ def test_code_blocks_print_what_the_page_shows(page):
     assert results.failed == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("example", EXAMPLES, ids=[path.name for path in EXAMPLES])
+def parameter(example):
+    long = example.name in {*SMALLER, "own_value.py"}
+    return pytest.param(example, id=example.name, marks=[pytest.mark.slow] if long else [])
+
+
+@pytest.mark.parametrize("example", map(parameter, EXAMPLES))
 def test_examples_run(example, capsys, monkeypatch):
     """Every example runs to its end and passes its own assertions, on smaller data where it takes a size."""
     size = [SMALLER[example.name]] if example.name in SMALLER else []

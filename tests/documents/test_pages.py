@@ -111,8 +111,19 @@ def shell(command, folder):
     return said + done.stdout
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=[str(path.relative_to(DOCS)) for path in PAGES])
+LONG = {
+    "explanation/bounds.md", "how-to/bounds.md", "how-to/extend.md", "how-to/preferences.md", "how-to/pricing.md",
+    "how-to/studies.md", "how-to/training.md", "tutorial.md",
+}  # fmt: skip
+"""Pages that take two seconds or more."""
+
+
+def parameter(page):
+    name = str(page.relative_to(DOCS))
+    return pytest.param(page, id=name, marks=[pytest.mark.slow] if name in LONG else [])
+
+
+@pytest.mark.parametrize("page", map(parameter, PAGES))
 def test_blocks_print_what_the_page_shows(page, tmp_path, monkeypatch):
     """Every command and every example of a page runs, and gives what the page says."""
     monkeypatch.chdir(tmp_path)

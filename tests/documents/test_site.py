@@ -11,6 +11,8 @@ import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
 
+pytestmark = pytest.mark.slow  # whichever is first, builds the site
+
 
 class Page(HTMLParser):
     """What a page links to, loads and can be jumped to."""
@@ -53,7 +55,6 @@ def pages(site):
     return {path: Page(path) for path in sorted(site.rglob("*.html"))}
 
 
-@pytest.mark.slow
 def test_every_source_became_a_page(site):
     """No page of the sources is left out, and none of the build's own files is taken for one."""
     sources = {p.relative_to(DOCS).with_suffix("") for p in DOCS.rglob("*.md") if "_build" not in p.parts}
