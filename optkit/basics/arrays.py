@@ -89,7 +89,13 @@ def number(
     except OverflowError:
         found = math.nan
     if not (math.isfinite(found) and least <= found <= most and found > above):
-        span = f" of at least {least:g}" if least > -math.inf else f" above {above:g}" if above > -math.inf else ""
+        span = (
+            f" above {above:g}"
+            if above > max(least, -math.inf)
+            else f" of at least {least:g}"
+            if least > -math.inf
+            else ""
+        )
         span += "" if most == math.inf else f" {'and' if span else 'of'} at most {most:g}"
         raise error(f"{name} = {_shown(value)} is not a finite number{span}")
     return found

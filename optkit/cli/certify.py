@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
+from optkit.basics.arrays import number
 from optkit.basics.errors import InputError
 from optkit.basics.printable import printable
 from optkit.cli.console import open_source, progress_bar, say, say_json
@@ -209,16 +210,23 @@ def _rate(text: str | None) -> float | Literal["learned"] | None:
     if text is None or text == "learned":
         return cast("Literal['learned'] | None", text)
     try:
-        return float(text)
+        rate = float(text)
     except ValueError:
         raise InputError(f"--worker-rate {text}: give a mean number of workers a step, or the word learned") from None
+    return number("--worker-rate", rate, least=0.0)
 
 
 def _shares(text: str | None) -> list[float] | None:
+    if text is None:
+        return None
     try:
-        return None if text is None else [float(number) for number in text.split(",")]
+        shares = [float(share) for share in text.split(",")]
     except ValueError:
         raise InputError(f"--group-share {text} is not of the form 0.3,0.7: numbers, one for each group") from None
+    shares = [number("--group-share", share, least=0.0, most=1.0) for share in shares]
+    if abs(sum(shares) - 1.0) > 1e-6:
+        raise InputError(f"--group-share {text} adds up to {sum(shares):g}, not to 1")
+    return shares
 
 
 def _given_policies(wanted: list[str]) -> dict[str, Policy]:
@@ -256,8 +264,8 @@ def _policies(
     from optkit.policies import PostDecisionPricing
 
     found: dict[str, Policy] = {}
-    for number, name in enumerate(wanted):
-        tell("policies", number, len(wanted))
+    for done, name in enumerate(wanted):
+        tell("policies", done, len(wanted))
         if name == "myopic":
             found[name] = PostDecisionPricing()
         elif name == "charging":
