@@ -330,7 +330,7 @@ def test_runs_do_not_replace_what_is_not_theirs(small, finished, tmp_path):
 @pytest.mark.slow
 def test_run_needs_no_interval_for_one_instance(tmp_path):
     """With a single test instance there is no interval: the table shows a dash, and the JSON is JSON."""
-    save_instances(tmp_path / "two", scenario("I.2", seed=3, horizon=20).sample(2, 1))
+    save_instances(tmp_path / "two", scenario("I.2", seed=3, horizon=8).sample(2, 1))
     done = optkit("run", tmp_path / "two", "--out", tmp_path / "r", "--verify", 0, "--json", check=0)
 
     def refuse(word):
@@ -465,7 +465,7 @@ def test_run_on_trips(tmp_path):
     )
     trips.to_parquet(tmp_path / "yellow_tripdata_2018.parquet")
     for name in ("nyc-weak", "nyc-strong"):
-        few = ["--set", "horizon=20", "--set", "split=12,8,4", "--verify", 3]
+        few = ["--set", "horizon=15", "--set", "split=10,8,3", "--verify", 3]
         done = optkit("run", name, "--trips", tmp_path, "--out", tmp_path / name, *few, "--json", check=0)
         result = json.loads(done.stdout)
         assert result["verification"]["holds"]

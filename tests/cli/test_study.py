@@ -14,7 +14,7 @@ from tests.command_line import strict
 
 SETTINGS = {"split": (20, 4, 4), "horizon": 6}
 SMALL = ["--draws", 2, "--set", "split=20,4,4", "--set", "horizon=6"]
-FEW = ["--set", "split=6,4,2", "--set", "horizon=20"]
+FEW = ["--set", "split=6,4,2", "--set", "horizon=10"]
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_the_paper_s_own_selection_of_trips(study, few_cells, tmp_path, trip_a_m
     assert status == 0
     assert told["settings"]["changed settings"] == {
         "split": [6, 4, 2],
-        "horizon": 20,
+        "horizon": 10,
         "mode": "mondays",
         "fraction": 0.9,
     }
