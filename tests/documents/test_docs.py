@@ -34,7 +34,7 @@ def parameter(example):
     return pytest.param(example, id=example.name, marks=[pytest.mark.slow] if long else [])
 
 
-@pytest.mark.parametrize("example", map(parameter, EXAMPLES))
+@pytest.mark.parametrize("example", [parameter(path) for path in EXAMPLES])
 def test_examples_run(example, capsys, monkeypatch):
     """Every example runs to its end and passes its own assertions, on smaller data where it takes a size."""
     size = [SMALLER[example.name]] if example.name in SMALLER else []

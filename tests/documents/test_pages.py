@@ -123,7 +123,7 @@ def parameter(page):
     return pytest.param(page, id=name, marks=[pytest.mark.slow] if name in LONG else [])
 
 
-@pytest.mark.parametrize("page", map(parameter, PAGES))
+@pytest.mark.parametrize("page", [parameter(path) for path in PAGES])
 def test_blocks_print_what_the_page_shows(page, tmp_path, monkeypatch):
     """Every command and every example of a page runs, and gives what the page says."""
     monkeypatch.chdir(tmp_path)
