@@ -46,7 +46,6 @@ def copy(made, tmp_path):
     return shutil.copytree(made, tmp_path / "sets")
 
 
-@pytest.mark.slow
 def test_a_set_is_the_split_of_its_scenario(made):
     """The parts hold what the scenario draws, and say where it comes from."""
     split = scenario("I.2", seed=0).split()
