@@ -26,5 +26,4 @@ def test_a_judge_finds_a_bound_too_low(monkeypatch):
 
     monkeypatch.setattr(enclosure, "optimum", wrong)
     with pytest.raises(AssertionError, match="exceeded"):
-        for seed in range(10):
-            attempt(seed)
+        [attempt(seed) for seed in range(10)]
