@@ -262,14 +262,14 @@ def zones_of():
 def test_what_differs_in_kind_is_of_the_first_world(made_up):
     """Of several worlds, utilities, errors, places and perturbations are those of the first; the title says so."""
     for name in ("heterogeneous", "sensitivity", "nyc"):
-        both, first = (study_figures(study_tables(made_up(name, worlds)[1])) for worlds in ((4, 7), (4,)))
-        for label, figure in both.items():
+        both, first = (study_tables(made_up(name, worlds)[1]) for worlds in ((4, 7), (4,)))
+        for label, figure in study_figures(both).items():
             told = figure.get_suptitle() + " ".join(titles(figure))
             if label.startswith(("perf", "comp")):
                 assert "2 worlds, pooled" in told
             else:
                 assert "(world 4 of 2 worlds)" in told
-                assert texts(figure) == texts(first[label])
+                assert texts(figure) == texts(draw(first, label))
 
 
 def test_policies_keep_their_colour(made_up):
