@@ -12,7 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from urllib.request import urlopen
 
-import matplotlib.font_manager  # noqa: F401 - builds its cache here; the first notebook's process would say that it does
+import matplotlib.font_manager  # lists the fonts; the first notebook's process would say that it does
 import numpy as np
 import pytest
 
@@ -52,6 +52,7 @@ def surroundings(tmp_path_factory):
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("MARIMO_", "XDG_"))}
     path = os.pathsep.join([str(home), str(ROOT)])
     env = {**kept, "HOME": str(home), "PYTHONPATH": path, "OPTKIT_TEST_REACHED": str(reached), "NO_COLOR": "1"}
+    env["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # where the fonts are known: a home of its own would list them anew
     run("-c", "import socket; socket.getaddrinfo('name.invalid', 80)", cwd=home, env=env)
     assert reached.read_text() == "socket.getaddrinfo name.invalid\n"  # the watch is awake
     reached.write_text("")
