@@ -56,10 +56,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--reports", type=int, default=400)
     parser.add_argument("--learned", type=int, default=100, help="reports with rates that were learned")
+    parser.add_argument("--rush", type=int, default=120, help="reports on rush hours")
     options = parser.parse_args()
     steady = Foresight(fifo_presence(0.5), [1.0])
     pool = Foresight([0.5], [1.0], scenario("I.2", seed=0).sample(400, seed=1))
-    refused: dict[str, list[bool]] = {"true, workers": [], "true, requests": [], "true, learned": []}
+    refused: dict[str, list[bool]] = {
+        name: [] for name in ("true, workers", "true, requests", "true, either", "true, learned")
+    }
     for number in range(options.reports):
         rng = np.random.default_rng([1, number])
         found = worker_test(days(STEADY, 20, rng), steady, seed=number)
@@ -67,7 +70,8 @@ def main() -> None:
         same = scenario("I.2", seed=0).sample(20, seed=2 + number)
         asked = request_test(same, pool, seed=number)
         refused["true, requests"].append(asked is not None and asked.contradicted)
-        for count in range(1, 6):
+        refused["true, either"].append(refused["true, workers"][-1] or refused["true, requests"][-1])
+        for count in range(1, 6) if number < options.rush else ():
             noticed = worker_test(days(RUSH, count, rng), steady, seed=number).contradicted
             refused.setdefault(f"rush hour, {count} day(s)", []).append(noticed)
     for number in range(options.learned):
