@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from optkit.basics.arrays import Floats
 from optkit.gap.rows import CHARGED, ROUNDING, Kind
@@ -74,4 +74,4 @@ def _tail(x: Floats, error: float) -> float:
     spread = float(x.std(ddof=1)) / np.sqrt(x.size) * error
     if spread <= ROUNDING * max(1.0, float(np.abs(x).max())):  # the same each day: there is no error to be within
         return float(x.mean() <= ROUNDING * max(1.0, float(np.abs(x).max())))
-    return float(stats.t.sf(x.mean() / spread, x.size - 1))
+    return float(stdtr(x.size - 1, -x.mean() / spread))

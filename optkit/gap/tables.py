@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import stdtrit
 
 from optkit.basics.arrays import Floats
 from optkit.gap.rows import CHARGED, Kind
@@ -59,7 +59,7 @@ def ratio_of_means(numerator: npt.ArrayLike, denominator: npt.ArrayLike, confide
     if y.size == 1:
         return MeanInterval(ratio, nan, nan, nan, 1)
     std = float((y - ratio * d).std(ddof=1)) / scale
-    half = float(stats.t.ppf(0.5 + confidence / 2, y.size - 1)) * std / np.sqrt(y.size)
+    half = float(stdtrit(y.size - 1, 0.5 + confidence / 2)) * std / np.sqrt(y.size)
     return MeanInterval(ratio, std, ratio - half, ratio + half, y.size)
 
 
@@ -157,7 +157,7 @@ def _mean(x: Floats, confidence: float) -> MeanInterval:
 def _gap(short: Floats, worth: Floats, confidence: float) -> dict[str, float]:
     money, share = _mean(short, confidence), ratio_of_means(short, worth, confidence)
     # One-sided: Student's quantile of the confidence itself.
-    quantile = float(stats.t.ppf(confidence, short.size - 1)) / np.sqrt(short.size) if short.size > 1 else float("nan")
+    quantile = float(stdtrit(short.size - 1, confidence)) / np.sqrt(short.size) if short.size > 1 else float("nan")
     return {
         "money": money.mean,
         "money_low": money.low,

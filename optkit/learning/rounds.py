@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from optkit.basics.arrays import Floats
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, check_seed, stream
 from optkit.instances.instance import Instance
 from optkit.learning.offer_log import collect
-from optkit.models.estimation import EstimationWarning, NotIdentifiedError, identification
 from optkit.models.preferences.attributes import Attributes
-from optkit.models.preferences.fit import fit_preferences, utility_errors
 from optkit.models.preferences.offers import Offers
 from optkit.models.preferences.preferences import Preferences
 from optkit.policies import PostDecisionPricing
@@ -209,6 +206,11 @@ def known_attributes(batch: Batch) -> Attributes:
 
 def refit(offers: Offers, pooled: bool, attributes: Attributes) -> Preferences:
     """Fit preferences without a penalty, or with a weak one where the data leave something open."""
+    from statsmodels.tools.sm_exceptions import ConvergenceWarning
+
+    from optkit.models.estimation import EstimationWarning, NotIdentifiedError
+    from optkit.models.preferences.fit import fit_preferences
+
     with warnings.catch_warnings():
         # Both are told in the record, round by round.
         warnings.simplefilter("ignore", EstimationWarning)
@@ -222,6 +224,9 @@ def refit(offers: Offers, pooled: bool, attributes: Attributes) -> Preferences:
 def _round(
     preferences: Preferences, offers: Offers, where: tuple[Any, Any, Any], truth: Floats
 ) -> list[dict[str, Any]]:
+    from optkit.models.estimation import identification
+    from optkit.models.preferences.fit import utility_errors
+
     rows = utility_errors(preferences, *where, truth).to_dict(orient="records")
     reports = [identification(results) for results in preferences.results]
     for row in rows:

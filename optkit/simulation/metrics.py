@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import stdtrit
 
 from optkit.basics.arrays import Floats, real
 from optkit.basics.errors import InputError
@@ -158,7 +158,7 @@ def mean_interval(
     if x.size == 1:
         return MeanInterval(mean, float("nan"), float("nan"), float("nan"), 1)
     std = float(x.std(ddof=1))
-    half = float(stats.t.ppf(0.5 + confidence / 2, x.size - 1) * std / np.sqrt(x.size))
+    half = float(stdtrit(x.size - 1, 0.5 + confidence / 2) * std / np.sqrt(x.size))
     return MeanInterval(mean, std, mean - half, mean + half, x.size)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from sklearn.cluster import KMeans
 
 from optkit.basics.arrays import whole_number
 from optkit.models.value.features import HatFeatures, KernelFeatures, coordinates, surplus_knots
@@ -153,6 +152,8 @@ class KernelValue(LinearInTerms):
 
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
         landmarks = whole_number("landmarks", self.landmarks, least=1)
+        from sklearn.cluster import KMeans
+
         seen = [s for step in range(experience.horizon - 1) if (s := experience.sets(step)) is not None]
         groups = experience.requests.surplus.shape[1]
         points = np.concatenate([np.zeros((0, groups + 1)), *(coordinates(s)[s.member] for s in seen)])

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
 
 from optkit.simulation.metrics import mean_interval
 from optkit.studies.claims.parts import SURE, Claim, Tables, claim, interval, settled
@@ -60,7 +59,9 @@ def _signs(result: int, frame: pd.DataFrame, name: str) -> Iterator[Claim]:
     over, under = draws[draws["mbe"] < 0], draws[draws["mbe"] > 0]
     if min(len(over), len(under)) < 2:
         return
-    test = stats.ttest_ind(over["loss"].to_numpy(), under["loss"].to_numpy(), equal_var=False)
+    from scipy.stats import ttest_ind
+
+    test = ttest_ind(over["loss"].to_numpy(), under["loss"].to_numpy(), equal_var=False)
     told = (
         f"{name}: overestimation (MBE {over['mbe'].mean():.1f}) costs {over['loss'].mean():.1f} points in {len(over)} "
         f"draws, underestimation (MBE {under['mbe'].mean():+.1f}) {under['loss'].mean():.1f} in {len(under)}; "
@@ -84,7 +85,9 @@ def _groups(frame: pd.DataFrame) -> Iterator[Claim]:
         return
     told = ", ".join(f"group {group} {interval(mean_interval(x))}" for group, x in loss.items())
     told += f"; all groups {interval(mean_interval(every))}"
-    less = stats.ttest_ind(every, np.concatenate(list(loss.values())), equal_var=False)
+    from scipy.stats import f_oneway, ttest_ind
+
+    less = ttest_ind(every, np.concatenate(list(loss.values())), equal_var=False)
     yield claim(
         4,
         "Errors about one group cost less than errors about all.",
@@ -93,7 +96,7 @@ def _groups(frame: pd.DataFrame) -> Iterator[Claim]:
         bool(every.mean() > max(x.mean() for x in loss.values())),
         sure=bool(less.pvalue < SURE),
     )
-    alike = stats.f_oneway(*loss.values())
+    alike = f_oneway(*loss.values())
     why = "Groups differ in how attractive requests are to them, and so in what an error of a given length does."
     differ = bool(alike.pvalue < SURE)
     yield claim(

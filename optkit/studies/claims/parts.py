@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import stats
 
 from optkit.simulation.metrics import MeanInterval, mean_interval
 from optkit.studies.tables import hopeful
@@ -72,7 +71,9 @@ class Ratios:
         worlds = [part.groupby("world").mean() for part in parts]
         if len(difference := (worlds[0] - worlds[1]).dropna()) > 1:
             return mean_interval(difference.to_numpy())
-        ends = stats.ttest_ind(*parts, equal_var=False).confidence_interval(1 - SURE)
+        from scipy.stats import ttest_ind
+
+        ends = ttest_ind(*parts, equal_var=False).confidence_interval(1 - SURE)
         mean = float(parts[0].mean() - parts[1].mean())
         return MeanInterval(mean, np.nan, float(ends.low), float(ends.high), len(parts[0]))
 
