@@ -11,13 +11,13 @@ from tests.gap.claims import ASSUMED, PROCESSES, attempt
 def test_what_is_claimed_holds():
     """Each process under each assumption: one claim in twenty may be broken, two of a dozen in a case of a hundred.
 
-    What is not Poisson, or comes at another rate, is refused; what was learned of a Poisson stream is not.
+    What is not Poisson is refused; what was learned of a Poisson stream is not.
     """
     ended = Counter()
     for seed in range(len(PROCESSES) * len(ASSUMED)):
-        process, assumed, ending = attempt(seed, measured=24, others=40)
+        process, assumed, ending = attempt(seed, measured=24, others=60)
         ended[ending] += 1
-        if process in ("bursts", "timetable") or assumed == "the first rate that comes to mind":
+        if process in ("bursts", "timetable"):
             assert ending == "refused"
         elif process in ("steady", "changing") and assumed == "learned":
             assert ending != "refused"
