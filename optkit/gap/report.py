@@ -455,8 +455,8 @@ def _said(
     if any(kind in CHARGED for kind in kinds):
         told.append(
             "money: without the luck of the arrivals, as far as the best policy's charges tell it, a control variate; "
-            "raw: the plain mean of the rows; points: with the luck. A gap to the penalised bound counts what its own "
-            "policy was charged: it is the difference of the points for the best policy alone"
+            "raw: the plain mean of the rows; points: with the luck; gaps to a penalised bound: with the policy's own "
+            "charges"
         )
     if failures:
         told.append(f"WARNING: {len(failures)} instances without a proven bound are left out, which may bias the means")

@@ -28,6 +28,7 @@ ASKED = {
     ("train", "instances"): ["train", "I.1", "--instances"],
     ("train", "seeds"): ["train", "days", "--seeds"],
     ("study", "seeds"): ["study", "homogeneous", "--dry-run", "--out", "new", "--seeds"],
+    ("study", "draws"): ["study", "sensitivity", "--dry-run", "--out", "new", "--draws"],
     ("study", "jobs"): ["study", "homogeneous", "--dry-run", "--out", "new", "--jobs"],
     ("teach", "port"): ["teach", "--port"],
 }
