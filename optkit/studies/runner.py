@@ -9,15 +9,17 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from optkit.basics.errors import InputError, OptkitError
 from optkit.basics.parallel import check_jobs
 from optkit.basics.plain_json import to_json
 from optkit.studies.cells import Cell
 from optkit.studies.policies import POLICIES, Spec
-from optkit.studies.run_cell import Result, run_cell
 from optkit.studies.store import CellStore, Stored
+
+if TYPE_CHECKING:
+    from optkit.studies.run_cell import Result
 
 SECONDS: dict[str, float] = {"bounds": 1.2, "utilities": 0.5, "estimate": 0.8, "perturbed": 1.0, "gap": 95.0}
 """What a cell takes on one core by kind, measured on I.1: for the plan, and so that the longest begin first."""
@@ -332,6 +334,8 @@ def _backend(client: Any) -> Any:
 def _attempt(cell: Cell, trips: tuple[str, ...]) -> tuple[str, Outcome]:
     """Work a cell out, and say why if that fails. One BLAS thread, so that the last digit is the same everywhere."""
     from threadpoolctl import threadpool_limits
+
+    from optkit.studies.run_cell import run_cell  # here, since it loads nearly all of the kit: to plan needs none of it
 
     started = time.perf_counter()
     try:

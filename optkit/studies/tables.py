@@ -10,11 +10,12 @@ import numpy as np
 from optkit.basics.arrays import Floats
 from optkit.simulation.metrics import MeanInterval, mean_interval, performance_ratio
 from optkit.studies.cells import Cell
-from optkit.studies.run_cell import Result
 from optkit.studies.runner import StudyRun
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from optkit.studies.run_cell import Result
 
 Row = dict[str, Any]
 

@@ -7,7 +7,8 @@ from functools import partial
 import pandas as pd
 import pytest
 
-from optkit.studies import grids, runner
+from optkit.studies import grids
+from optkit.studies import run_cell as work
 from optkit.studies.store import CellStore
 from tests import command_line
 from tests.command_line import strict
@@ -103,7 +104,7 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_p
     def fail(cell, trips):
         raise ValueError("no luck")
 
-    monkeypatch.setattr(runner, "run_cell", fail)
+    monkeypatch.setattr(work, "run_cell", fail)
     status, out, err = study("sensitivity", *SMALL, "--out", tmp_path, "--jobs", 1)
     assert status == 1
     assert "failed: I.1, world 0: perturbed, epsilon 2.0, draw 1, value linear, seed 0: ValueError: no luck" in err

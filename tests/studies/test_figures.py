@@ -33,10 +33,17 @@ def titles(figure):
     return [ax.get_title() for ax in figure.axes if ax.get_visible()]
 
 
+@pytest.fixture(scope="module")
+def drawn(made_once):
+    """All figures of each study, by its name, and the tables that they show."""
+    tables = {name: study_tables(made_once(name)[1]) for name in STUDIES}
+    return {name: study_figures(table) for name, table in tables.items()}, tables
+
+
 @pytest.mark.slow
-def test_every_label_of_the_paper_is_drawn(made_up):
+def test_every_label_of_the_paper_is_drawn(drawn):
     """Full tables give all figures, each by one study, each on a canvas of its own; pyplot knows of none of them."""
-    drawn = {name: study_figures(study_tables(made_up(name)[1])) for name in STUDIES}
+    drawn, _ = drawn
     assert sorted(label for figures in drawn.values() for label in figures) == sorted(LABELS) == sorted(DRAWINGS)
     for name, figures in drawn.items():
         assert {DRAWINGS[label].study for label in figures} == {name}
@@ -86,10 +93,10 @@ def test_means_leave_out_what_the_table_leaves_out():
     assert study_figures({"rows": rows[rows["instance"] == 1]}) == {}
 
 
-def test_pay_and_use_show_the_means_of_operations(made_up):
+def test_pay_and_use_show_the_means_of_operations(drawn):
     """Above what accepted requests got beyond their burden, below the workers used, with the means of the table."""
-    tables = study_tables(made_up("nyc")[1])
-    upper, lower = draw(tables, "comp_nyt_strong").axes
+    tables = drawn[1]["nyc"]
+    upper, lower = drawn[0]["nyc"]["comp_nyt_strong"].axes
     table = tables["operations"][tables["operations"]["scenario"] == "nyc-strong"]
     for ax, column in ((upper, "over"), (lower, "utilised")):
         means = [label.get_text().split("\n")[-1] for label in ax.get_xticklabels()]
@@ -166,10 +173,9 @@ def test_edges_hold_all_values_and_zero():
             assert not zero or np.isclose(edges, 0.0).any()
 
 
-def test_error_histograms_tell_the_rmse_of_the_table(made_up):
+def test_error_histograms_tell_the_rmse_of_the_table(drawn):
     """Each panel a way to learn, each row a group with its RMSE and its mean error, recomputed from the requests."""
-    tables = study_tables(made_up("heterogeneous")[1])
-    figure = draw(tables, "mnl_momnl")
+    tables, figure = drawn[1]["heterogeneous"], drawn[0]["heterogeneous"]["mnl_momnl"]
     assert titles(figure) == [
         "One MNL for all groups, paper's data", "One MNL each, paper's data",
         "One MNL for all groups, re-estimated", "One MNL each, re-estimated",
@@ -184,9 +190,9 @@ def test_error_histograms_tell_the_rmse_of_the_table(made_up):
             assert ax.texts[group - 1].get_text() == f"{each.mean():.2f}"
 
 
-def test_places_have_their_own_names(made_up):
+def test_places_have_their_own_names(drawn):
     """Pick-up regions stand as p, drop-off regions as d; both ways to learn have a line of panels."""
-    panels = draw(study_tables(made_up("nyc")[1]), "nyt_combined_mnl").axes
+    panels = drawn[0]["nyc"]["nyt_combined_mnl"].axes
     assert len(panels) == 8
     for number, ax in enumerate(panels):
         letter = "pd"[number % 2]
@@ -203,10 +209,9 @@ def test_a_scenario_without_an_estimate_has_no_panels(made_up):
     assert len(titles(draw(tables, "nyt_combined_mnl"))) == 6
 
 
-def test_heat_maps_write_each_share(made_up):
+def test_heat_maps_write_each_share(drawn):
     """Shares of requests served and utilities cell by cell, a dash where nobody asked, and the CV beneath."""
-    tables = study_tables(made_up("nyc")[1])
-    figure = draw(tables, "fair_nyt_combined")
+    tables, figure = drawn[1]["nyc"], drawn[0]["nyc"]["fair_nyt_combined"]
     for number, scenario in enumerate(("nyc-weak", "nyc-strong")):
         heat, side = figure.axes[2 * number : 2 * number + 2]
         rows = tables["pairs"][tables["pairs"]["scenario"] == scenario]
