@@ -51,7 +51,7 @@ class Formula:
 def formula(
     state: State, reward: float | Floats, distance: float | Floats, penalty: float | Floats, boost: float | Floats
 ) -> Floats:
-    """FP compensations (b, w) with weights that are numbers or, one per decision, (b, 1)."""
+    """FP compensations (b, w) with weights that are numbers or, for G settings at once and w = 1, (1, G)."""
     if state.features.shape[-1] == 0:
         travel: Floats | float = 0.0
         if np.any(distance):

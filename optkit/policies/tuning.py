@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, floats, real
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, floats, read_only, real
+from optkit.basics.errors import InputError, PolicyError
 from optkit.instances.instance import Instance
 from optkit.policies.formula import Formula, formula
 from optkit.policies.reward_percentage import RewardPercentage
 from optkit.simulation.batch import Batch
-from optkit.simulation.simulator import run
 from optkit.simulation.state import State
 
 if TYPE_CHECKING:
@@ -35,11 +33,11 @@ FORMULA_GRID: dict[str, tuple[float, ...]] = {
 """Weights that FP chooses from: 1,100 combinations (paper appendix B.2)."""
 
 RUNS_AT_ONCE = 6_000
-"""Simulated runs per lockstep; their arrays then stay in the processor's cache."""
+"""Simulated runs per lockstep, of all settings in a few instances; their arrays then stay in the processor's cache."""
 
 P = TypeVar("P", RewardPercentage, Formula)
 Progress = Callable[[int, int], object]
-"""Called with the number of settings done and their total."""
+"""Called with the number of instances done and their total."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def tune_reward_percentage(
     grid : (G,) float
         Shares to try; by default the paper's.
     progress : callable, optional
-        Called with the number of settings done and their total.
+        Called with the number of instances done and their total.
 
     Returns
     -------
@@ -94,7 +92,8 @@ def tune_reward_percentage(
     settings = real("the grid for share", grid).reshape(-1, 1)
 
     def pay(state: State, setting: Floats) -> Floats:
-        return (setting[:, :1] * state.reward).clip(min=0.0)
+        offer: Floats = (setting[0] * state.reward).clip(min=0.0)
+        return offer
 
     best, table = _search(instances, ["share"], settings, pay, progress)
     return Tuned(RewardPercentage(*best), float(table["mean_reward"].max()), table)
@@ -115,7 +114,7 @@ def tune_formula(
     grid : dict, optional
         Values for ``reward``, ``distance``, ``penalty`` and ``expiry_boost``; by default the paper's 1,100.
     progress : callable, optional
-        Called with the number of settings done and their total.
+        Called with the number of instances done and their total.
 
     Returns
     -------
@@ -142,14 +141,10 @@ def tune_formula(
     settings = np.array(list(product(*columns))).reshape(-1, len(names))
 
     def pay(state: State, setting: Floats) -> Floats:
-        return formula(state, *(setting[:, k : k + 1] for k in range(4)))
+        return formula(state, *setting)
 
     best, table = _search(instances, names, settings, pay, progress)
     return Tuned(Formula(*best), float(table["mean_reward"].max()), table)
-
-
-def _pay_by_row(pay: Callable[[State, Floats], Floats], settings: Floats, state: State) -> Floats:
-    return pay(state, settings[state.row])
 
 
 def _search(
@@ -159,7 +154,7 @@ def _search(
     pay: Callable[[State, Floats], Floats],
     progress: Progress | None,
 ) -> tuple[list[float], pd.DataFrame]:
-    """Mean reward of every setting: runs of several settings through all instances, in one lockstep."""
+    """Mean reward of every setting: all settings through a few instances, in one lockstep, then through the next."""
     import pandas as pd
 
     batch = Batch.of(instances)
@@ -167,15 +162,75 @@ def _search(
         raise InputError("tuning needs at least one instance")
     if settings.size == 0 or (names == ["share"] and settings.min() < 0):
         raise InputError(f"the grid for {', '.join(names)} must hold at least one number, and shares of at least 0")
-    together = max(1, RUNS_AT_ONCE // len(batch))
-    mean = np.empty(len(settings))
-    for first in range(0, len(settings), together):
-        part = settings[first : first + together]
-        which = np.repeat(np.arange(len(part)), len(batch))
-        runs = np.tile(np.arange(len(batch)), len(part))
-        outcome = run(batch, partial(_pay_by_row, pay, part[which]), runs)
-        mean[first : first + together] = outcome.reward.reshape(len(part), -1).mean(axis=1)
+    together = max(1, RUNS_AT_ONCE // len(settings))
+    reward = np.empty((len(settings), len(batch)))
+    for first in range(0, len(batch), together):
+        last = min(first + together, len(batch))
+        reward[:, first:last] = _rewards(batch, first, last, settings, pay).T
         if progress is not None:
-            progress(min(first + together, len(settings)), len(settings))
+            progress(last, len(batch))
+    mean = reward.mean(axis=1)
     table = pd.DataFrame(settings, columns=names).assign(mean_reward=mean)
     return [float(x) for x in settings[int(mean.argmax())]], table
+
+
+def _rewards(batch: Batch, first: int, last: int, settings: Floats, pay: Callable[[State, Floats], Floats]) -> Floats:
+    """Rewards of G settings in instances ``first`` to ``last - 1``, (b, G), as the simulator would give them.
+
+    A setting changes which requests are still open, and what is paid; all else is the same for all settings. So arrays
+    have a row for each request that has arrived and not expired, and a column for each setting.
+    """
+    begin, end = batch.request_start[first], batch.request_start[last]
+    order = batch.arrivals[0][begin:end]
+    owner = np.repeat(np.arange(first, last), np.diff(batch.request_start[first : last + 1]))
+    arrival, expiry, columns = batch.arrival[order], batch.expiry[order], settings.T[:, None]
+    open_ = np.ones((order.size, len(settings)), dtype=bool)
+    margin, penalty = np.zeros((2, last - first, len(settings)))
+    for step in range(batch.horizon):
+        present = (arrival <= step) & (expiry >= step)
+        worker = batch.worker_at[step, owner]
+        live = np.flatnonzero(present & (worker >= 0))
+        if live.size:
+            # One decision for each request, though the worker is the same: their rows are put together below.
+            one = live, owner[live], worker[live], order[live, None], np.ones((live.size, 1), dtype=bool)
+            state = State(batch, step, *read_only(one))
+            still = open_[live]
+            offer = _offers(pay, state, columns, still)
+            total = np.where(still, state.utility + offer, -np.inf)
+            total += batch.noise(state.worker, state.request)
+            top = np.flatnonzero(np.diff(state.instance, prepend=-1))
+            best = np.maximum.reduceat(total, top, axis=0)
+            outside = state.outside_utility + batch.outside_noise[state.worker]
+            size = np.diff(top, append=live.size)
+            taken = total == np.repeat(np.where(best >= outside[top, None], best, np.nan), size, axis=0)
+            taken &= still
+            if np.add.reduceat(taken, top, axis=0, dtype=np.int64).max() > 1:
+                for rows in np.split(taken, top[1:]):  # of requests that a worker likes as much, the first
+                    rows &= rows.cumsum(axis=0) == 1
+            at = state.instance[top] - first
+            margin[at] += np.add.reduceat(np.where(taken, state.reward - offer, 0.0), top, axis=0)
+            open_[live] = still & ~taken
+        over = np.flatnonzero(expiry == step)
+        if over.size:
+            lost = np.zeros_like(penalty)
+            for i in over:  # one after the other, as the simulator adds them: the same to the last digit
+                lost[owner[i] - first] += batch.penalty[order[i]] * open_[i]
+            penalty += lost
+    return margin + penalty
+
+
+def _offers(pay: Callable[[State, Floats], Floats], state: State, settings: Floats, open_: Bools) -> Floats:
+    """Compensations (w, G) of settings (k, 1, G), which are feasible where a request is open."""
+    with np.errstate(all="ignore"):
+        offer = pay(state, settings)
+    if not (offer.min() >= 0 and offer.max() <= MOST_MONEY):  # NaN fails the comparison too
+        wrong = open_ & ~((offer >= 0) & (offer <= MOST_MONEY))
+        if wrong.any():
+            w, g = np.argwhere(wrong)[0]
+            weights = ", ".join(f"{float(weight):g}" for weight in settings[:, 0, g])
+            raise PolicyError(
+                f"the setting {weights} of the grid offers {offer[w, g]} at step {state.step}; "
+                "a compensation is a finite number >= 0, of moderate size"
+            )
+        offer = np.where(open_, offer, 0.0)
+    return offer

@@ -1,12 +1,13 @@
 """Grid search: the lockstep finds what a plain loop over settings finds."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
 from optkit import scenario, simulate
-from optkit.basics.errors import InputError
+from optkit.basics.errors import InputError, PolicyError
 from optkit.policies import Formula, RewardPercentage
 from optkit.policies.tuning import FORMULA_GRID, PERCENTAGES, tune_formula, tune_reward_percentage
 
@@ -45,6 +46,27 @@ def test_formula_against_a_plain_loop(days, at_once, monkeypatch):
     assert tuned.mean_reward == pytest.approx(max(mean), rel=1e-12)
 
 
+def test_requests_that_a_worker_likes_as_much():
+    """Of requests that are worth the same to a worker the first is taken, as by the simulator: to the last digit."""
+    day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    equal = {name: np.full(day.n_requests, value) for name, value in (("reward", 50.0), ("penalty", -10.0))}
+    noise = {"noise": np.zeros((day.n_workers, day.n_requests)), "outside_noise": np.zeros(day.n_workers)}
+    rising = np.linspace(-40.0, -30.0, day.n_requests).round()[None]  # several of each
+    alike = replace(day, **equal, utility=rising, features=np.zeros((day.n_requests, 1)), **noise)
+    unlike = replace(alike, penalty=-np.arange(1.0, 1 + day.n_requests) / 3)
+    for one in (alike, unlike):
+        expected = [simulate([one], RewardPercentage(share)).reward.mean() for share in PERCENTAGES]
+        assert tune_reward_percentage([one]).table["mean_reward"].tolist() == expected
+
+
+def test_offers_beyond_all_money():
+    """A setting that pays more than an amount of money is named."""
+    with pytest.raises(PolicyError, match=r"setting 1e\+200, 0, 0, 0 of the grid offers .* at step"):
+        tune_formula(
+            scenario("I.1", seed=0).sample(2, seed=1), {**dict.fromkeys(SMALL, (0.0,)), "reward": (0.5, 1e200)}
+        )
+
+
 def test_the_tuned_policy_earns_what_was_promised(days):
     """Simulating the tuned policy gives its mean reward (1e-12 relative)."""
     for tuned in (tune_reward_percentage(days), tune_formula(days, SMALL)):
@@ -81,15 +103,15 @@ def test_equals_go_to_the_first(days):
     "tune", [lambda d, p: tune_formula(d, SMALL, progress=p), lambda d, p: tune_reward_percentage(d, progress=p)]
 )
 def test_progress(days, tune, monkeypatch):
-    """Progress counts settings up to their total."""
-    monkeypatch.setattr("optkit.policies.tuning.RUNS_AT_ONCE", 60)
+    """Progress counts instances up to their total."""
+    monkeypatch.setattr("optkit.policies.tuning.RUNS_AT_ONCE", 130)
     calls = []
-    tune(days, lambda done, total: calls.append((done, total)))
+    tuned = tune(days, lambda done, total: calls.append((done, total)))
     done, totals = zip(*calls, strict=True)
     assert len(set(totals)) == 1
     assert list(done) == sorted(set(done))
-    assert done[-1] == totals[0]
-    assert done[0] == 5
+    assert done[-1] == totals[0] == len(days)
+    assert done[0] == (2 if "share" in tuned.table else 5)
 
 
 @pytest.mark.parametrize(
