@@ -3,7 +3,16 @@
 import sys
 from pathlib import Path
 
+from jinja2.sandbox import SandboxedEnvironment
+from numpydoc import docscrape_sphinx
+
 import optkit
+
+# numpydoc makes an environment for each docstring, and so would compile its template a thousand times.
+environments: dict[type, SandboxedEnvironment] = {}
+docscrape_sphinx.SandboxedEnvironment = lambda loader: environments.setdefault(
+    type(loader), SandboxedEnvironment(loader=loader)
+)
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
