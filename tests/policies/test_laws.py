@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from optkit import scenario, simulate
+from optkit.gap.fluid_scenario import bid_prices
 from optkit.learning.beliefs import BelievedValue
 from optkit.learning.perturbation import perturb, true_preferences
 from optkit.learning.training import train
@@ -33,13 +34,17 @@ def policies():
         "myopic": PostDecisionPricing(),
         "clipped": PostDecisionPricing(nonnegative="clip"),
         "believing": PostDecisionPricing(choice=BELIEVED),
+        "bid prices": PostDecisionPricing(value_function=bid_prices(SOURCE, 1e-3)[1]),
         "patient": PostDecisionPricing(value_function=BelievedValue(value)),
         "patient believing": PostDecisionPricing(choice=BELIEVED, value_function=BelievedValue(value, BELIEVED)),
     }
 
 
-SEE_THE_TRUTH = ("myopic", "clipped", "patient")
-NAMES = ("random", "exploring", "share", "formula", "myopic", "clipped", "believing", "patient", "patient believing")
+SEE_THE_TRUTH = ("myopic", "clipped", "bid prices", "patient")
+NAMES = (
+    *("random", "exploring", "share", "formula", "myopic", "clipped", "believing", "bid prices"),
+    *("patient", "patient believing"),
+)
 every_policy = pytest.mark.parametrize("name", NAMES)
 
 
