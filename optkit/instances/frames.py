@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, floats, ints, real
+from optkit.basics.arrays import Floats, Ints, floats, ints, real
 from optkit.basics.errors import InstanceError
 from optkit.instances.queue import fifo_queue
 
 if TYPE_CHECKING:
     import pandas as pd
+
+REQUESTS = ("arrival", "expiry", "reward", "penalty", "pickup", "dropoff")
+"""Columns of a table of requests, beside utilities and features."""
+
+WORKERS = ("step", "group")
+"""Columns of a table of workers."""
+
+
+class LeftOutWarning(UserWarning):
+    """Rows of a table have no part in the instance that was made of it; how many, and why."""
 
 
 def fields_from_frames(
@@ -33,6 +45,8 @@ def fields_from_frames(
     numbered = [c for c in requests.columns if isinstance(c, str) and re.fullmatch(r"utility_\d+", c)]
     columns = [f"utility_{d}" for d in range(len(numbered))] or ["utility"]
     _need("requests", requests, columns)
+    _no_misspelling("requests", requests, [*REQUESTS, *columns], features)
+    _no_misspelling("workers", workers, WORKERS)
     if mu.size == 1:
         mu = np.full(len(columns), mu[0])
     n = len(requests)
@@ -44,8 +58,10 @@ def fields_from_frames(
     if horizon is None:
         horizon = int(max(expiry.max(initial=0), step.max(initial=0))) + 1
     if queue:
-        step, served = fifo_queue(step, horizon)
+        joined = step
+        step, served = fifo_queue(joined, horizon)
         group = group[served]
+        _tell_left_out(joined, served, horizon)
     return dict(
         horizon=horizon,
         **{name: requests[name].to_numpy() for name in ("arrival", "expiry", "reward")},
@@ -60,6 +76,34 @@ def fields_from_frames(
         mu=mu,
         outside_utility=outside_utility,
     )
+
+
+def _no_misspelling(table: str, frame: pd.DataFrame, known: Sequence[str], taken: Sequence[str] = ()) -> None:
+    """Refuse a column that nearly has the name of one that is not there: it would count as 0 in silence."""
+    absent = [name for name in known if name not in frame]
+    for column in frame.columns:
+        if not isinstance(column, str) or column in known or column in taken:
+            continue
+        near = get_close_matches(column.strip().lower(), absent, n=1, cutoff=0.75)
+        if near:
+            raise InstanceError(
+                f"the {table} table has a column {column!r} and none {near[0]!r}: rename it, or drop it if that is "
+                "something else"
+            )
+
+
+def _tell_left_out(joined: Ints, served: Ints, horizon: int) -> None:
+    """Warn of workers whom nobody sees, with their number."""
+    late = int((joined >= horizon).sum())
+    waiting = joined.size - served.size - late
+    told = [f"{late} join at step {horizon} or later"] if late else []
+    told += [f"{waiting} still wait in the queue when the day ends"] if waiting else []
+    if told:
+        warnings.warn(
+            f"{late + waiting} of {joined.size} workers are left out of the {horizon} steps: {' and '.join(told)}",
+            LeftOutWarning,
+            stacklevel=4,
+        )
 
 
 def _need(table: str, frame: pd.DataFrame, columns: Sequence[str]) -> None:

@@ -344,7 +344,7 @@ class Instance(ReadOnlyArrays):
         requests : DataFrame
             Columns ``arrival``, ``expiry``, ``reward``, ``penalty``, ``pickup``, ``dropoff``, and ``utility`` for one
             worker group or ``utility_0``, ``utility_1``, ... for several. ``penalty``, ``pickup`` and ``dropoff``
-            may be left out and are then 0.
+            may be left out and are then 0. Other columns play no part.
         workers : DataFrame
             Column ``step``; ``group`` (0) may be left out. Any order.
         mu, outside_utility : float or (D,) float
@@ -355,7 +355,8 @@ class Instance(ReadOnlyArrays):
             The columns of ``requests`` that make up the feature matrix, travel time last.
         queue : bool
             Treat ``step`` as the arrival in a first-in first-out queue, see :func:`fifo_queue`; workers whose
-            turn falls beyond the horizon are left out.
+            turn falls beyond the horizon are left out, with a :class:`~optkit.instances.frames.LeftOutWarning` that
+            counts them.
 
         Returns
         -------
@@ -365,7 +366,7 @@ class Instance(ReadOnlyArrays):
         Raises
         ------
         InstanceError
-            If a column is missing, or the instance breaks a rule.
+            If a column is missing or nearly has the name of one that may be left out, or the instance breaks a rule.
 
         Examples
         --------

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import warnings
 from collections import deque
 from dataclasses import FrozenInstanceError, fields
 
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from scipy import sparse, stats
 
 from optkit.basics.errors import InputError, InstanceError, OptkitError
+from optkit.instances.frames import LeftOutWarning
 from optkit.instances.instance import Instance, fifo_queue
 
 BASE = {
@@ -473,7 +475,31 @@ def test_queue_lines_workers_up_with_their_groups():
     lined = Instance.from_frames(requests, workers, queue=True)
     assert lined.worker_step.tolist() == [1, 2, 3, 4, 5]
     assert lined.worker_group.tolist() == [1, 0, 0, 1, 0]
-    assert Instance.from_frames(SIMPLE, workers[["step"]], queue=True, horizon=4).worker_step.tolist() == [1, 2, 3]
+    with pytest.warns(LeftOutWarning, match="2 of 5 workers are left out of the 4 steps: 2 still wait in the queue"):
+        short = Instance.from_frames(SIMPLE, workers[["step"]], queue=True, horizon=4)
+    assert short.worker_step.tolist() == [1, 2, 3]
+
+
+def test_who_is_left_out_is_counted():
+    """Whoever joins after the day, and whoever never gets a turn; nobody is told of who is seen."""
+    with pytest.warns(LeftOutWarning, match="9 of 10 workers are left out .* 9 still wait"):
+        assert Instance.from_frames(SIMPLE, pd.DataFrame({"step": [5] * 10}), queue=True, horizon=6).n_workers == 1
+    with pytest.warns(LeftOutWarning, match="2 of 3 .*: 1 join at step 6 or later and 1 still wait"):
+        assert Instance.from_frames(SIMPLE, pd.DataFrame({"step": [5, 5, 9]}), queue=True, horizon=6).n_workers == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Instance.from_frames(SIMPLE, pd.DataFrame({"step": [1, 1, 9]}), queue=True, horizon=10).n_workers == 3
+
+
+@pytest.mark.parametrize("name", ["penalties", "Penalty", "penalty ", "penality", "pick_up", "Dropoff"])
+def test_a_misspelt_column_is_no_zero(name):
+    """What may be left out counts as 0, so that a name that is nearly right must not pass."""
+    with pytest.raises(InstanceError, match=f"column '{name}' and none '"):
+        Instance.from_frames(SIMPLE.assign(**{name: [-1.0, -2.0]}), WORKERS[["step"]])
+    with pytest.raises(InstanceError, match="the workers table has a column 'groups' and none 'group'"):
+        Instance.from_frames(SIMPLE, pd.DataFrame({"step": [1], "groups": [0]}))
+    kept = Instance.from_frames(SIMPLE.assign(penalty=0.0, penalties=[-1.0, -2.0]), WORKERS[["step"]])
+    assert kept.penalty.tolist() == [0.0, 0.0]
 
 
 def test_crowded_steps_without_a_queue():
