@@ -245,7 +245,7 @@ def choosy():
         horizon=6, reward=[50.0, 45.0], penalty=[-4.0, -10.0], lifetime=[4, 4], utility=[[-5.0, -35.0], [-35.0, -10.0]],
         mu=[2.0, 4.0], outside_utility=[0.0, 1.0], share=[0.4, 0.6], arrivals=[0.3, 0.3], workers=[0.4, 0.6],
     )  # fmt: skip
-    trained = train(model.sample(300, seed=1), choice="true")
+    trained = train(model.sample(150, seed=1), choice="true")
     return solve_exactly(model), trained.value, [RandomValue(seed, 2) for seed in range(2)]
 
 

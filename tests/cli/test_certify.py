@@ -214,10 +214,13 @@ class Share:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize(
-    ("name", "line"),
-    [("boom", "ZeroDivisionError: division by zero.*line 9"), ("leave", r"it called sys.exit\(0\).*line 12")],
+    ("name", "line", "jobs"),
+    [
+        ("boom", "ZeroDivisionError: division by zero.*line 9", 1),
+        ("leave", r"it called sys.exit\(0\).*line 12", 1),
+        ("leave", r"it called sys.exit\(0\).*line 12", 2),  # would end the process
+    ],
 )
 def test_a_policy_that_fails_is_said(certify, own, tmp_path, name, line, jobs):
     """In one line with its name, the step and the place, and status 2; the file was run once, with two policies."""

@@ -465,7 +465,7 @@ def test_run_on_trips(tmp_path):
     )
     trips.to_parquet(tmp_path / "yellow_tripdata_2018.parquet")
     for name in ("nyc-weak", "nyc-strong"):
-        few = ["--set", "horizon=15", "--set", "split=10,8,3", "--verify", 3]
+        few = ["--set", "horizon=10", "--set", "split=10,8,3", "--verify", 3]
         done = optkit("run", name, "--trips", tmp_path, "--out", tmp_path / name, *few, "--json", check=0)
         result = json.loads(done.stdout)
         assert result["verification"]["holds"]

@@ -31,6 +31,12 @@ def few_cells(monkeypatch):
 
 
 @pytest.fixture
+def no_figures(monkeypatch):
+    """Reports without figures, where these are not what is tested."""
+    monkeypatch.setattr("optkit.studies.report.report.study_figures", lambda tables, trips: {})
+
+
+@pytest.fixture
 def study(monkeypatch, optkit):
     """Run the verb in this process, without the network; return exit status, output and errors."""
     monkeypatch.setattr(grids, "find_spec", lambda _: None)
@@ -72,7 +78,7 @@ def test_a_study_is_planned_run_and_not_run_again(study, finished):
 
 
 @pytest.mark.slow
-def test_force_works_out_anew(study, few_cells, tmp_path):
+def test_force_works_out_anew(study, few_cells, no_figures, tmp_path):
     """All cells again, here in one process after two: the same tables."""
     common = ["heterogeneous", *SMALL, "--out", tmp_path, "--no-gap", "--seeds", 1, "--json"]
     before = strict(study(*common, "--jobs", 2)[1])[0]
@@ -93,7 +99,7 @@ def test_all_without_trips_says_what_is_left_out(study, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, tmp_path, monkeypatch):
+def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, no_figures, tmp_path, monkeypatch):
     """The cells of one draw fail, and are named; all others are there, and make the report."""
     shutil.copytree(finished[0] / "cells", tmp_path / "cells")
     store = CellStore(tmp_path / "cells")
@@ -140,7 +146,7 @@ def test_bad_input_is_one_line(study, arguments, message, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_paper_s_own_selection_of_trips(study, few_cells, tmp_path, trip_a_minute):
+def test_the_paper_s_own_selection_of_trips(study, few_cells, no_figures, tmp_path, trip_a_minute):
     """Options reach the cells and the report's settings."""
     trips = trip_a_minute(60_000, pickups=(261, 236, 43))
     common = ["nyc", "--trips", trips, "--mode", "mondays", "--fraction", 0.9, *FEW]

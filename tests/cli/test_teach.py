@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 from urllib.request import HTTPCookieProcessor, build_opener, urlopen
 
 import pytest
@@ -36,9 +37,7 @@ def free_port():
 
 
 @needs_extra
-@pytest.mark.parametrize(
-    ("name", "file"), [(None, None), ("3", "3_markup.py"), ("markup", "3_markup.py"), ("5_post-decision.py", "5_post")]
-)
+@pytest.mark.parametrize(("name", "file"), [(None, None), ("5_post-decision.py", "5_post")])
 def test_opens_a_browser_at_what_is_served(teach, monkeypatch, free_port, name, file):
     """The address is said, answers, and leads to the notebook that was asked for; Ctrl-C ends the server."""
     seen = []
@@ -82,6 +81,12 @@ def test_a_port_in_use_is_refused(teach):
     assert status == 2
     assert err.startswith(f"optkit: --port {port} cannot be had (")
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["3", "markup", "3_markup", "3_markup.py"])
+def test_a_notebook_is_found_by_number_and_name(name):
+    """All name the same."""
+    assert module._find(name, [Path("2_concavity.py"), Path("3_markup.py")]) == Path("3_markup.py")
 
 
 @needs_extra

@@ -40,7 +40,7 @@ def run(split):
 @pytest.fixture(scope="module")
 def groups():
     """A small split of Scenario II, with three groups of workers, and a run on it."""
-    small = scenario("II", seed=0, split=(20, 4, 3), horizon=15).split()
+    small = scenario("II", seed=0, split=(20, 4, 3), horizon=10).split()
     return small, run_main_job(small, {}, verify=0, seed=3)
 
 

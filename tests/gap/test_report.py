@@ -21,20 +21,21 @@ from optkit.policies import PostDecisionPricing, RewardPercentage
 from optkit.simulation.metrics import mean_interval
 from tests.gap import processes
 
+STEPS = 20
 NAMED = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}
 
 
 @pytest.fixture(scope="module")
 def charges():
     """Value and foresight of a small world, trained in a moment."""
-    made = scenario_charging(scenario("I.2", seed=3), training=150, pool=40, estimator=LinearValue())
+    made = scenario_charging(scenario("I.2", seed=3, horizon=STEPS), training=150, pool=40, estimator=LinearValue())
     return {"value": made.value, "foresight": made.foresight, "assumptions": made.assumptions}
 
 
 @pytest.fixture(scope="module")
 def days():
     """Instances that no charge was made from."""
-    return scenario("I.2", seed=3).sample(12, seed=9)
+    return scenario("I.2", seed=3, horizon=STEPS).sample(12, seed=9)
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +180,7 @@ def test_ones_own_policy(days):
 @pytest.mark.slow
 def test_simulated_and_enumerated_agree(days, charges, report):
     """Where too much may wait a policy is simulated and others are charged for: the same means within 4 errors."""
-    exact, drawn = report, gap_report(days, NAMED, kinds=["penalised"], limit=2, redraws=80, **charges)
+    exact, drawn = report, gap_report(days, NAMED, kinds=["penalised"], limit=2, redraws=40, **charges)
     assert drawn.policies["exact"].max() < exact.policies["exact"].min()
     for name in NAMED:
         for part in ("policy", "charge"):

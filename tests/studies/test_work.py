@@ -25,8 +25,8 @@ from optkit.studies.grids import digest_of
 from optkit.studies.policies import POLICIES, Spec
 from optkit.studies.run_cell import run_cell
 
-SETTINGS = {"horizon": 15, "split": (40, 6, 8)}
-PLACE = {"scenario": "II", "world": 1, "set": {"horizon": 15, "split": [40, 6, 8]}}
+SETTINGS = {"horizon": 10, "split": (30, 4, 4)}
+PLACE = {"scenario": "II", "world": 1, "set": {"horizon": 10, "split": [30, 4, 4]}}
 SOURCE = scenario("II", seed=1, **SETTINGS)
 SPLIT = SOURCE.split()
 

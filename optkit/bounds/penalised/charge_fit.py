@@ -87,7 +87,7 @@ def fit_linear_charges(
     >>> from optkit.bounds.arrival.dual import arrival_dual
     >>> from optkit.bounds.penalised.foresight import fifo_presence
     >>> from optkit.bounds.penalised.penalized_dual import penalized_dual
-    >>> days = scenario("I.1", seed=0).sample(40, seed=1)
+    >>> days = scenario("I.1", seed=0, horizon=20).sample(20, seed=1)
     >>> charges = fit_linear_charges(days, Foresight(fifo_presence(0.5), [1.0]), 0.5)
     >>> free, charged = (np.mean([bound(day).value for day in days])
     ...                  for bound in (arrival_dual, lambda day: penalized_dual(day, charges)))

@@ -224,9 +224,9 @@ def test_opportunity_costs_are_differences_of_values():
 
 @pytest.mark.slow
 def test_the_optimal_policy_earns_the_exact_value_and_others_less():
-    """2,000 instances through the simulator: the mean within 4 standard errors; paired losses beyond 4 of theirs."""
+    """1,000 instances through the simulator: the mean within 4 standard errors; paired losses beyond 4 of theirs."""
     solution = solve_exactly(CHOOSY)
-    days = CHOOSY.sample(2000, seed=1)
+    days = CHOOSY.sample(1000, seed=1)
     best = simulate(days, PostDecisionPricing(value_function=ExactValueFunction(solution))).reward
     mean, error = mean_and_error(best)
     assert abs(mean - solution.value) <= 4 * error
@@ -240,9 +240,9 @@ def test_the_optimal_policy_earns_the_exact_value_and_others_less():
 @pytest.mark.slow
 @pytest.mark.parametrize("queue", [1, 3])
 def test_with_a_queue_the_policy_that_sees_it_earns_the_exact_value(queue):
-    """Workers come in pairs or not at all and wait in optkit's own queue; 4 standard errors over 2,000 instances."""
+    """Workers come in pairs or not at all and wait in optkit's own queue; 4 standard errors over 1,000 instances."""
     model = replace(CHOOSY, workers=np.array([0.75, 0.0, 0.25]), queue=queue)
-    draws = [model.draw(child) for child in np.random.SeedSequence(2).spawn(2000)]
+    draws = [model.draw(child) for child in np.random.SeedSequence(2).spawn(1000)]
     solution = solve_exactly(model)
     policy = PostDecisionPricing(value_function=ExactValueFunction(solution, np.array([draw.queue for draw in draws])))
     mean, error = mean_and_error(simulate([draw.instance for draw in draws], policy).reward)
@@ -253,9 +253,9 @@ def test_with_a_queue_the_policy_that_sees_it_earns_the_exact_value(queue):
 
 @pytest.mark.parametrize("queue", [0, 2])
 def test_full_information_is_worth_more(queue):
-    """The mean full-information bound over 600 instances lies above the exact value by 4 standard errors."""
+    """The mean full-information bound over 300 instances lies above the exact value by 4 standard errors."""
     model = replace(SCARCE, workers=np.array([0.6, 0.2, 0.2]), queue=queue)
-    mean, error = mean_and_error(np.array([full_information(day).value for day in model.sample(600, seed=3)]))
+    mean, error = mean_and_error(np.array([full_information(day).value for day in model.sample(300, seed=3)]))
     assert mean - 4 * error > exact_value(model).value
 
 

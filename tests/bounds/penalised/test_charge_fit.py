@@ -12,7 +12,7 @@ from optkit.bounds.penalised.linear_charges import LinearCharges
 from optkit.bounds.penalised.penalized_dual import penalized_dual
 
 SOURCE = scenario("II", seed=0, horizon=30)
-TRAIN, FRESH = SOURCE.sample(150, seed=1), SOURCE.sample(120, seed=2)
+TRAIN, FRESH = SOURCE.sample(100, seed=1), SOURCE.sample(120, seed=2)
 WORKERS = Foresight(fifo_presence(0.5), np.full(3, 1 / 3))
 
 
@@ -78,10 +78,10 @@ def test_fresh_instances_gain(fitted):
         bound = penalized_dual(day, fitted)
         gain.append(bound.value - arrival_dual(day).value)
         paid.append(bound.solver.details["paid"])
-    x, gain = np.column_stack([np.ones(120), paid]), np.array(gain)
+    x, gain = np.column_stack([np.ones(len(FRESH)), paid]), np.array(gain)
     coefficients, *_ = np.linalg.lstsq(x, gain, rcond=None)
     residual = gain - x @ coefficients
-    error = np.sqrt(residual @ residual / 118 * np.linalg.inv(x.T @ x)[0, 0])
+    error = np.sqrt(residual @ residual / (len(FRESH) - 2) * np.linalg.inv(x.T @ x)[0, 0])
     assert coefficients[0] < -4 * error
     trained = np.mean([penalized_dual(day, fitted).value - arrival_dual(day).value for day in TRAIN])
     assert trained < coefficients[0] + 2 * error

@@ -394,7 +394,7 @@ def test_patient_prices_earn_more_than_myopic_ones():
     from optkit.policies import PostDecisionPricing
     from optkit.simulation.batch import Batch
 
-    drawn = scenario("I.1", seed=5, horizon=30)
+    drawn = scenario("I.1", seed=5, horizon=20)
     batch = Batch.of(drawn.sample(150, seed=1))
     N = int(batch.request_start[-1])
     last = batch.expiry[:N] - 1
