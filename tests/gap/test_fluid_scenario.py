@@ -1,5 +1,7 @@
 """The fluid model of a scenario, against what is sampled from it, and its prices against simulation."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,12 @@ from optkit.gap.fluid_scenario import BidPriceValue, bid_prices, fluid_model
 from optkit.policies import PostDecisionPricing
 
 SOURCE = scenario("II", seed=3, horizon=12, mean_lifetime=4.0)
-DAYS = SOURCE.sample(4000, seed=1)
+
+
+@cache
+def days_of_source():
+    """Instances of the source; drawn when a test wants them, not whenever tests are looked for."""
+    return SOURCE.sample(4000, seed=1)
 
 
 def test_expected_requests_are_those_that_come():
@@ -23,17 +30,19 @@ def test_expected_requests_are_those_that_come():
         error = seen.std(axis=0, ddof=1) / np.sqrt(len(seen))
         assert (np.abs(seen.mean(axis=0) - expected) <= 5 * error + 1e-12).all()
 
-    same(model.count.sum(), [day.n_requests for day in DAYS])
-    same(model.count @ model.reward, [day.reward.sum() for day in DAYS])
-    same(model.count @ model.penalty, [day.penalty.sum() for day in DAYS])
-    same(model.utility @ model.count, [day.utility.sum(axis=1) for day in DAYS])
+    same(model.count.sum(), [day.n_requests for day in days_of_source()])
+    same(model.count @ model.reward, [day.reward.sum() for day in days_of_source()])
+    same(model.count @ model.penalty, [day.penalty.sum() for day in days_of_source()])
+    same(model.utility @ model.count, [day.utility.sum(axis=1) for day in days_of_source()])
     for step in range(12):
-        same(model.count[model.expiry == step].sum(), [(day.expiry == step).sum() for day in DAYS])
-        same(model.count[model.arrival == step].sum(), [(day.arrival == step).sum() for day in DAYS])
+        same(model.count[model.expiry == step].sum(), [(day.expiry == step).sum() for day in days_of_source()])
+        same(model.count[model.arrival == step].sum(), [(day.arrival == step).sum() for day in days_of_source()])
     brief = model.expiry - model.arrival < 3
-    same((model.count * model.reward)[brief].sum(), [d.reward[d.expiry - d.arrival < 3].sum() for d in DAYS])
-    there = np.zeros((len(DAYS), 12, 3))
-    for seen, day in zip(there, DAYS, strict=True):
+    same(
+        (model.count * model.reward)[brief].sum(), [d.reward[d.expiry - d.arrival < 3].sum() for d in days_of_source()]
+    )
+    there = np.zeros((len(days_of_source()), 12, 3))
+    for seen, day in zip(there, days_of_source(), strict=True):
         seen[day.worker_step, day.worker_group] = 1
     same(model.presence, there)
 
@@ -43,16 +52,18 @@ def test_the_bound_is_proven_and_above_what_can_be_earned():
     bound, value = bid_prices(SOURCE)
     verdict = bound.certificate.check(fluid_model(SOURCE))
     assert verdict.bound == pytest.approx(bound.value, rel=1e-12)
-    exact = np.array([arrival_information(day).value for day in DAYS[:300]])
+    exact = np.array([arrival_information(day).value for day in days_of_source()[:300]])
     assert bound.value > exact.mean() + 3 * exact.std() / np.sqrt(300)
-    earned = simulate(DAYS, PostDecisionPricing(value_function=value)).reward
+    earned = simulate(days_of_source(), PostDecisionPricing(value_function=value)).reward
     assert earned.mean() < bound.value
 
 
 def test_sampled_means_come_near():
     """FluidModel.from_instances of 4,000 instances is within one per cent."""
     exact = fluid_bound(fluid_model(SOURCE), tolerance=1e-4).value
-    assert fluid_bound(FluidModel.from_instances(DAYS[:1000]), tolerance=1e-4).value == pytest.approx(exact, rel=0.02)
+    assert fluid_bound(FluidModel.from_instances(days_of_source()[:1000]), tolerance=1e-4).value == pytest.approx(
+        exact, rel=0.02
+    )
 
 
 def test_bid_prices_pay_where_requests_are_many():
@@ -75,7 +86,9 @@ def test_bid_prices_are_zero_where_nothing_waits():
             seen.append((state.offered & (state.steps_left > 0), super().opportunity_cost(state)))
             return seen[-1][1]
 
-    simulate(DAYS[:5], PostDecisionPricing(value_function=Noted(bid_prices(SOURCE, tolerance=1e-3)[1].prices)))
+    simulate(
+        days_of_source()[:5], PostDecisionPricing(value_function=Noted(bid_prices(SOURCE, tolerance=1e-3)[1].prices))
+    )
     assert any(waits.any() for waits, _ in seen)
     assert all((cost[~waits] == 0).all() and np.isfinite(cost).all() for waits, cost in seen)
 

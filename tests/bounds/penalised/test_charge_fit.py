@@ -1,5 +1,7 @@
 """Fitting linear charges: the gradient, the optimum, and what it gains on instances that it has not seen."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -13,12 +15,17 @@ from optkit.bounds.penalised.penalized_dual import penalized_dual
 
 SOURCE = scenario("II", seed=0, horizon=30)
 TRAIN, FRESH = SOURCE.sample(100, seed=1), SOURCE.sample(120, seed=2)
-WORKERS = Foresight(fifo_presence(0.5), np.full(3, 1 / 3))
+
+
+@cache
+def workers():
+    """Whom to expect; worked out when a test wants it, not whenever tests are looked for."""
+    return Foresight(fifo_presence(0.5), np.full(3, 1 / 3))
 
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit_linear_charges(TRAIN, WORKERS, 0.5)
+    return fit_linear_charges(TRAIN, workers(), 0.5)
 
 
 def mean_dual(days, charges):
@@ -103,25 +110,25 @@ def test_where_dozens_wait_luck_is_not_taken_for_gain():
 
 
 def test_a_large_ridge_charges_nothing_and_no_requests_charge_workers_only():
-    tame = fit_linear_charges(TRAIN[:20], WORKERS, 0.5, ridge=1e9)
+    tame = fit_linear_charges(TRAIN[:20], workers(), 0.5, ridge=1e9)
     assert np.abs(tame.theta).max() < 1e-6
-    alone = fit_linear_charges(TRAIN[:20], WORKERS)
+    alone = fit_linear_charges(TRAIN[:20], workers())
     assert alone.theta.shape == (1, 2, 3)
     assert np.abs(alone.theta).max() > 0.1
 
 
 def test_knots_are_spread_or_given():
-    spread = fit_linear_charges(TRAIN[:5], WORKERS, 0.5, surplus_knots=4, max_iterations=1)
+    spread = fit_linear_charges(TRAIN[:5], workers(), 0.5, surplus_knots=4, max_iterations=1)
     surplus = np.concatenate([(day.reward - day.penalty + day.utility).ravel() for day in TRAIN[:5]])
     assert spread.surplus_knots[[0, -1]] == pytest.approx(np.quantile(surplus, [0.03, 0.97]))
     assert spread.theta.shape == (2, 4, 3)
-    given = fit_linear_charges(TRAIN[:5], WORKERS, surplus_knots=[0.0, 9.0], time_knots=[2.0, 4.0], max_iterations=1)
+    given = fit_linear_charges(TRAIN[:5], workers(), surplus_knots=[0.0, 9.0], time_knots=[2.0, 4.0], max_iterations=1)
     assert given.surplus_knots.tolist() == [0.0, 9.0]
     assert given.time_knots.tolist() == [2.0, 4.0]
 
 
 def test_the_same_instances_give_the_same_charges():
-    one, again = (fit_linear_charges(TRAIN[:10], WORKERS, 0.5) for _ in range(2))
+    one, again = (fit_linear_charges(TRAIN[:10], workers(), 0.5) for _ in range(2))
     assert np.array_equal(one.theta, again.theta)
 
 
@@ -157,4 +164,4 @@ def test_one_request_and_no_worker_is_enough():
 )
 def test_bad_input_is_refused(change, message):
     with pytest.raises(InputError, match=message):
-        fit_linear_charges(**({"instances": TRAIN[:3], "foresight": WORKERS} | change))
+        fit_linear_charges(**({"instances": TRAIN[:3], "foresight": workers()} | change))
