@@ -13,8 +13,8 @@ from optkit.studies.store import CellStore
 from tests import command_line
 from tests.command_line import strict
 
-SETTINGS = {"split": (20, 4, 4), "horizon": 6}
-SMALL = ["--draws", 2, "--set", "split=20,4,4", "--set", "horizon=6"]
+SETTINGS = {"split": (10, 3, 3), "horizon": 6}
+SMALL = ["--draws", 2, "--set", "split=10,3,3", "--set", "horizon=6"]
 FEW = ["--set", "split=6,4,2", "--set", "horizon=10"]
 
 

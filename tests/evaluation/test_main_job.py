@@ -24,7 +24,7 @@ from optkit.simulation.simulator import simulate
 @pytest.fixture(scope="module")
 def split():
     """A small split of Scenario I.1."""
-    return scenario("I.1", seed=0, split=(6, 4, 1), horizon=15).split()
+    return scenario("I.1", seed=0, split=(6, 4, 1), horizon=10).split()
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_a_policy_that_does_not_know_the_tests_is_left_out(split):
     late = replace(day, horizon=80, expiry=np.full(day.n_requests, 79), worker_step=steps)
     result = run_main_job(Split(split.train, [late], split.validation), {}, verify=0)
     assert set(result.record["not trained"]) == {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"}
-    assert all("beyond the 15 steps" in why for why in result.record["not trained"].values())
+    assert all("beyond the 10 steps" in why for why in result.record["not trained"].values())
 
 
 @pytest.mark.slow
