@@ -74,6 +74,7 @@ def written(made_once, tmp_path_factory):
         for name, figure in figures.items():
             if name != "perf_nyt_weak":
                 figure.clf()
+                figure.set_layout_engine(None)  # nothing is left to lay out
         return figures
 
     with pytest.MonkeyPatch.context() as patch:
