@@ -34,6 +34,7 @@ def test_every_file_is_read_whole_or_refused_in_one_line(tmp_path, whole):
         assert min(became[kind, "read"], became[kind, "refused"]) > 0, kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [

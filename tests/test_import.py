@@ -48,6 +48,7 @@ def test_import_is_quiet_and_light():
     assert modules.isdisjoint([*HEAVY, "numpy", "scipy"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "code",
     [
@@ -66,6 +67,7 @@ def test_use_loads_only_what_is_used(code):
     assert modules.isdisjoint(HEAVY)
 
 
+@pytest.mark.slow
 def test_import_changes_nothing():
     """Importing optkit leaves logging, warnings and NumPy's error handling and random state as they were.
 
@@ -161,6 +163,7 @@ def test_dir_of_every_package_is_its_face():
         assert shown <= names | inside, (name, shown)
 
 
+@pytest.mark.slow
 def test_imports_point_down():
     """Every file imports from packages below its own in the declared order, nested files and late imports too."""
     rank = {name: height for height, names in enumerate(ORDER) for name in names}
@@ -209,6 +212,7 @@ def test_the_checks_of_imports_see_nested_files(tmp_path):
     assert module_circles(root) == [("optkit.gap.report", "optkit.models.value.deep")]
 
 
+@pytest.mark.slow
 def test_the_command_line_is_also_a_module():
     """``python -m optkit`` is the command line."""
     done = subprocess.run([sys.executable, "-m", "optkit", "--version"], capture_output=True, text=True, check=False)

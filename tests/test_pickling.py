@@ -137,6 +137,7 @@ LEAVE_BEHIND = ("myopic", "believed", "exploring", "trained", "trained policy", 
 WORLD = ("instance", "sparse instance", "batch", "sparse batch", "state", "known requests", "workers")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PUBLIC)
 def test_a_copy_behaves_as_the_original(name):
     """Copied before and after its first use, and a copy of the copy, too."""

@@ -62,6 +62,7 @@ TAKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given_", STRANGE.values(), ids=STRANGE)
 @pytest.mark.parametrize("error", [InputError, InstanceError, DataError])
 @pytest.mark.parametrize(

@@ -76,6 +76,7 @@ def test_a_folder_that_came_meanwhile_is_asked_about(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["report"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("locks", [True, False])
 def test_several_who_write_into_one_folder_all_end_well(tmp_path, monkeypatch, locks):
     """As two studies with the same --out do at once: each finds what another wrote, and replaces it."""

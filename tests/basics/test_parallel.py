@@ -24,6 +24,7 @@ def test_the_last_digit_does_not_depend_on_processes():
     assert one == two
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_errors_come_through(jobs):
     """An error of the function is raised as it is."""
@@ -35,6 +36,7 @@ def test_errors_come_through(jobs):
         list(in_parallel(fails, ["a"] * 3, jobs))
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_said():
     """The end of a worker process is an error of ours with a remedy."""
     with pytest.raises(SolverError, match="killed"):

@@ -43,6 +43,7 @@ def test_links_are_followed_and_loops_are_said(tmp_path, monkeypatch):
             resolved(path)
 
 
+@pytest.mark.slow
 def test_paths_are_resolved_in_one_place():
     """Path.resolve raises what nobody expects where links make a loop, and on some versions of Python nothing."""
     assert not [(file, node.lineno) for file, node in calls("resolve") if "teach" not in file]

@@ -4,6 +4,7 @@ import ast
 from itertools import product
 
 import numpy as np
+import pytest
 
 from optkit import scenario
 from optkit.basics.seeds import Stream, seed_sequence, step_generator, stream
@@ -33,6 +34,7 @@ def test_no_two_streams_share_a_key():
         assert set(map(state, steps)).isdisjoint({*found, *samples, state(seed_sequence(seed))})
 
 
+@pytest.mark.slow
 def test_only_the_list_of_streams_makes_keys():
     """No other file of the kit makes a seed sequence with a key, or a generator of several numbers."""
     for path in ROOT.rglob("*.py"):
@@ -53,6 +55,7 @@ def test_validation_instances_are_not_the_draws_of_charges():
     assert charges != validation
 
 
+@pytest.mark.slow
 def test_streams_of_published_instances_stay():
     """Worlds and instances are those of the benchmark sets, whose datasheet prints their keys."""
     source = scenario("I.1", seed=5)

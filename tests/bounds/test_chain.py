@@ -142,6 +142,7 @@ def charged_values(bound, offers):
     return [policy_value(program, offer, charges) - charges.idle(idle_steps(program)) for offer in offers]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(36))
 def test_with_the_exact_value_function_every_path_is_worth_the_exact_value(seed):
     """Five drawn paths of each model. 1e-8 covers sums of some hundred money; 1e-11 is what is seen."""
@@ -213,6 +214,7 @@ def mean_and_error(x):
     return x.mean(), x.std(ddof=1) / np.sqrt(x.size) + 1e-9  # some models leave nothing but rounding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_the_chain_by_simulation(seed):
     """12 more models, 20 instances of each: on each path where it must hold, else within 4 standard errors."""

@@ -13,6 +13,7 @@ from tests.bounds import forged
 from tests.bounds.kinds import KINDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_no_forgery_proves_less_than_the_optimum(name):
     """Factors, signs, swaps, shifts by 1e17, NaN and last digits: refused, or proven and not below; some are each."""
@@ -67,6 +68,7 @@ class _Says:
         return self.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1e-12, 1e12])
 @pytest.mark.parametrize("name", [name for name in KINDS if name != "arrival, program"])
 def test_verdicts_do_not_depend_on_the_unit_of_money(name, unit):

@@ -38,6 +38,7 @@ def test_a_certificate_proves_its_bound(name, seed):
     assert -np.inf < verdict.attained <= bound.value + 1e-12 * abs(bound.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", KINDS)
 def test_no_policy_earns_more(name, seed):

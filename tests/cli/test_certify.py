@@ -83,6 +83,7 @@ def test_a_folder_that_tells_its_scenario_is_certified_alike(certify, sets):
     assert any("as scenario.json says" in told for told in from_folder["assumptions"])
 
 
+@pytest.mark.slow
 def test_a_folder_of_ones_own(certify, own):
     """Without a process there is no penalised bound; with a worker rate there is, and what it assumes is said."""
     plain = strict(certify(own, "--policy", "myopic", "--json")[1])
@@ -95,6 +96,7 @@ def test_a_folder_of_ones_own(certify, own):
     )
 
 
+@pytest.mark.slow
 def test_a_trained_policy_s_file(certify, own, tmp_path):
     """A file of optkit train is a policy under its stem, and earns what the policy itself earns."""
     split = scenario("I.2", seed=0, **SETTINGS).split()
@@ -131,6 +133,7 @@ def test_policies_of_ones_own(certify, own, tmp_path):
     assert found == dict(zip(report.policies["policy"], report.policies["money"], strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "name", "message"),
     [
@@ -151,6 +154,7 @@ def test_a_policy_that_cannot_be_had_is_said(certify, own, tmp_path, code, name,
     )
 
 
+@pytest.mark.slow
 def test_a_worker_rate_that_the_days_contradict_is_refused(certify, own):
     """One line why, exit status 1, and the bounds that need no process; with JSON too."""
     asked = [own, "--policy", "myopic", "--worker-rate", 2.5]
@@ -265,6 +269,7 @@ def test_text_and_more_instances(certify):
     assert "penalised" not in out
 
 
+@pytest.mark.slow
 def test_a_stopped_report_goes_on(certify, tmp_path):
     """The same command goes on from its checkpoint, in two processes too; another command keeps its own beside."""
     kept = tmp_path / "rows.jsonl"
@@ -282,6 +287,7 @@ def test_a_stopped_report_goes_on(certify, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -319,6 +325,7 @@ def test_what_a_folder_cannot_give_is_said(certify, own, sets):
     assert "has 4 test instances" in certify(sets, "--instances", 9)[2]
 
 
+@pytest.mark.slow
 def test_groups_need_their_shares(certify, tmp_path):
     """With several groups, how they are shared is part of the process."""
     save_instances(tmp_path / "two", scenario("II", seed=0, horizon=10).sample(12, seed=1))

@@ -90,6 +90,7 @@ def test_run_is_reproducible_and_replaces_only_its_own_results(small, finished, 
     assert (tmp_path / "diary" / "day.txt").read_text() == "dear diary"
 
 
+@pytest.mark.slow
 def test_generate_and_bound_agree_with_the_library(tmp_path):
     """Sets written by optkit generate hold the scenario's instances; optkit bound gives their bounds."""
     folder = tmp_path / "set"
@@ -155,6 +156,7 @@ def test_bound_kinds_agree_with_the_library(tmp_path, monkeypatch):
     assert "--checkpoint" in refused.stderr
 
 
+@pytest.mark.slow
 def test_bound_goes_on_from_its_checkpoint(small, tmp_path):
     """Bounds that were kept are not worked out again; what failed is; other options have a file of their own."""
     asked = ["bound", small / "test", "--checkpoint", tmp_path / "kept", "--json"]
@@ -179,6 +181,7 @@ def test_bound_goes_on_from_its_checkpoint(small, tmp_path):
     assert len(list((tmp_path / "kept").iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_bound_takes_no_other_folders_bounds(small, tmp_path):
     """What no table holds counts as well: one digit in the last place of it makes another checkpoint."""
     days = load_instances(small / "validation")
@@ -198,6 +201,7 @@ def test_bound_takes_no_other_folders_bounds(small, tmp_path):
         assert len(list((tmp_path / "kept").iterdir())) == number + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -242,6 +246,7 @@ def test_price_reads_json_like_csv(requests_csv, tmp_path):
         assert json.loads(optkit("price", tmp_path / "requests.json", "--json", check=0).stdout) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
 def test_price_says_the_same_in_any_unit_of_money(tmp_path, unit):
     """Verdicts do not depend on the currency, and amounts are shown in it, however small."""
@@ -280,6 +285,7 @@ def test_forms_of_price_order_as_they_must(requests_csv):
     assert profit["free"] >= profit["exact"] >= profit["clip"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -375,6 +381,7 @@ def test_columns_without_a_meaning_are_named(tmp_path):
     assert "expire" in optkit("price", tmp_path / "r.csv", check=0).stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -417,6 +424,7 @@ main()
 """The command line as a process that says when it takes signals."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_interruption_is_said_and_leaves_nothing(tmp_path, sent):
     """Ctrl-C and a scheduler's SIGTERM end a run with one line, exit status 130 and no results folder."""
@@ -432,6 +440,7 @@ def test_interruption_is_said_and_leaves_nothing(tmp_path, sent):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "verb", ["run", "generate", "bound", "price", "certify", "fit", "train", "evaluate", "study", "teach"]
 )

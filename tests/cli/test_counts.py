@@ -85,6 +85,7 @@ def test_every_whole_number_is_among_them():
     assert found == set(ASKED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [10**9, 10**18, 10**30])
 @pytest.mark.parametrize("which", ASKED, ids=" ".join)
 def test_an_absurd_number_is_refused(which, number, place):
@@ -97,6 +98,7 @@ def test_an_absurd_number_is_refused(which, number, place):
         assert f"{number}" in said.replace(",", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["1000000000", "1000000000000000000", "9" * 5000, "5000"])
 @pytest.mark.parametrize("study", ["homogeneous", "sensitivity"])
 def test_an_absurd_number_of_worlds_is_refused(study, text, place):
@@ -107,6 +109,7 @@ def test_an_absurd_number_of_worlds_is_refused(study, text, place):
         assert said.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", ["1e6", "1e7", "1e8", "1e9", "1e18"])
 @pytest.mark.parametrize("name", SETTINGS)
 def test_an_absurd_setting_is_refused(name, number, place, tmp_path):

@@ -27,6 +27,7 @@ def file(log, tmp_path_factory):
     return log.save(tmp_path_factory.mktemp("log") / "offers.parquet")
 
 
+@pytest.mark.slow
 def test_collect_and_fit_show_what_the_library_finds(optkit, tmp_path):
     """optkit collect I.2 writes a parquet file, and optkit fit on it prints summary, parameters and identification."""
     path = tmp_path / "offers.parquet"
@@ -93,6 +94,7 @@ def test_out_writes_text_and_json(optkit, file, tmp_path):
         assert words in text
 
 
+@pytest.mark.slow
 def test_options_reach_the_fit(optkit, log, file):
     """--pooled, --method, --ridge, --scale-penalty, --robust and --features are the arguments of the same names."""
     for options, arguments in (
@@ -166,6 +168,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD, ids=str)
 def test_bad_input_is_one_line_and_status_2(optkit, tmp_path, monkeypatch, case):
     """Every wrong argument or file: status 2, nothing on standard output, one line that says what is wrong."""
@@ -182,6 +185,7 @@ def test_bad_input_is_one_line_and_status_2(optkit, tmp_path, monkeypatch, case)
     assert words in err
 
 
+@pytest.mark.slow
 def test_a_negative_offer_seed_is_one_line(optkit, tmp_path):
     """A seed below 0 is bad input like any other."""
     code, _, _ = optkit("collect", "I.1", "--out", tmp_path / "o.parquet", "--offer-seed", -1, "--set", "horizon=20")
@@ -196,6 +200,7 @@ def test_help(optkit, verb):
     assert "--json" in out
 
 
+@pytest.mark.slow
 def test_fit_clusters_by_a_column(optkit, log, tmp_path):
     """optkit fit --cluster COLUMN tells clustered standard errors, and refuses a column that is not there."""
     file = tmp_path / "log.csv"

@@ -129,6 +129,7 @@ FOREIGN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
 @pytest.mark.parametrize("name", FILES)
 def test_what_a_verb_did_not_write_stays(name, content, place, tmp_path):
@@ -149,6 +150,7 @@ def test_what_a_verb_did_not_write_stays(name, content, place, tmp_path):
         target.unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOLDERS)
 def test_a_folder_of_other_things_stays(name, place, tmp_path):
     """In one line, whether a note lies in the folder, a file is in its place, or a link leads to somebody's folder."""

@@ -119,6 +119,7 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, no_fi
     assert (tmp_path / "sensitivity" / "report.html").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -36,6 +36,7 @@ def free_port():
         return probe.getsockname()[1]
 
 
+@pytest.mark.slow
 @needs_extra
 @pytest.mark.parametrize(("name", "file"), [(None, None), ("5_post-decision.py", "5_post")])
 def test_opens_a_browser_at_what_is_served(teach, monkeypatch, free_port, name, file):

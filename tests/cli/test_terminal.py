@@ -126,6 +126,7 @@ def test_names_of_all_kinds_are_printed_so_that_they_can_be_seen(call, tmp_path)
         assert seen(err)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -157,6 +158,7 @@ def test_arguments_are_quoted_so_that_they_can_be_seen(call, arguments, tmp_path
     assert seen(err)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "cp437", "utf-8"])
 def test_any_encoding_will_do(call, encoding, tmp_path, monkeypatch):
     """Names that the output's encoding lacks are printed as escapes, on both streams: numbers and status as ever."""

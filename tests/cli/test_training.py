@@ -65,6 +65,7 @@ def test_train_and_evaluate_show_what_the_library_finds(optkit, tmp_path, split,
     assert "policy.json" in done.stdout
 
 
+@pytest.mark.slow
 def test_options_reach_the_training(optkit, tmp_path):
     """The file holds the settings that were asked for, --json tells them, and the record has every round."""
     options = ["--value", "kernel", "--choice", "pooled", "--deviations", "6,3,1", "--discount", 0.9]
@@ -85,6 +86,7 @@ def test_options_reach_the_training(optkit, tmp_path):
     assert [row["deviation"] for row in found.record[:2]] == [6.0, 3.0]
 
 
+@pytest.mark.slow
 def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
     """--instances draws them in place of the split's, and in proportion to choose by; the output says how many."""
     path = tmp_path / "p.json"
@@ -100,6 +102,7 @@ def test_a_scenario_gives_as_many_instances_as_asked_for(optkit, tmp_path):
     assert "can be drawn from a scenario only" in err
 
 
+@pytest.mark.slow
 def test_the_world_s_seed_is_the_training_s_too(optkit, tmp_path):
     """As in optkit run, one seed serves for both unless another is given."""
     optkit("train", "I.1", *SMALL, "--seed", 3, "--choice", "true", "--out", tmp_path / "p.json", "--quiet")
@@ -107,6 +110,7 @@ def test_the_world_s_seed_is_the_training_s_too(optkit, tmp_path):
     assert Trained.load(tmp_path / "p.json").value.to_dict() == expected.value.to_dict()
 
 
+@pytest.mark.slow
 def test_folders_are_split_as_run_splits_them(optkit, tmp_path, split):
     """The parts of a folder serve for what they are called; without validation instances the last round is taken."""
     for part in ("train", "validation"):
@@ -122,6 +126,7 @@ def test_folders_are_split_as_run_splits_them(optkit, tmp_path, split):
     assert Trained.load(tmp_path / "q.json").value.to_dict() == expected.value.to_dict()
 
 
+@pytest.mark.slow
 def test_evaluate_is_the_librarys_comparison(optkit, file, split, tmp_path):
     """Rows, means and the paired difference are those of compare() with the myopic policy of the same beliefs."""
     trained = Trained.load(file)
@@ -139,6 +144,7 @@ def test_evaluate_is_the_librarys_comparison(optkit, file, split, tmp_path):
         pd.testing.assert_frame_equal(forms[suffix](out), wanted.per_instance)
 
 
+@pytest.mark.slow
 def test_another_horizon_is_told(optkit, file):
     """Steps left are right on shorter instances, but the value function of a step is not: a note says so."""
     _, same, _ = optkit("evaluate", file, "I.1", *SMALL, "--quiet")
@@ -174,6 +180,7 @@ def test_an_instance_without_a_bound_is_named(optkit, file, monkeypatch):
     assert "9 test instances" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("trained_on", "value", "tried_on", "says"),
     [
@@ -199,6 +206,7 @@ def test_what_a_policy_does_not_know_is_one_line(optkit, tmp_path, trained_on, v
     assert says in err
 
 
+@pytest.mark.slow
 def test_interrupted_training_goes_on_from_its_checkpoint(optkit, tmp_path, monkeypatch):
     """Ctrl-C in the second seed: one is told how to go on, and the same command ends as if nothing had happened."""
     asked = ["I.1", *SMALL, "--choice", "true", "--seeds", 2]
@@ -230,6 +238,7 @@ def test_interrupted_training_goes_on_from_its_checkpoint(optkit, tmp_path, monk
     assert one.score == other.score
 
 
+@pytest.mark.slow
 def test_interruption_without_a_checkpoint_says_what_would_have_helped(optkit, tmp_path, monkeypatch):
     """Nothing is kept then, and nothing is written."""
 
@@ -282,6 +291,7 @@ def test_a_seed_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     assert "chosen: seed 0" in out
 
 
+@pytest.mark.slow
 def test_a_policy_is_replaced_and_nothing_else(optkit, tmp_path):
     """An earlier policy makes room for the new one."""
     common = ["train", "I.1", *SMALL, "--choice", "true", "--out", tmp_path / "p.json"]
@@ -316,6 +326,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD, ids=str)
 def test_bad_input_is_one_line_and_status_2(optkit, tmp_path, monkeypatch, file, case):
     """Every wrong argument or file: status 2, nothing on standard output, one line, and nothing written."""

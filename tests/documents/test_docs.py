@@ -21,6 +21,7 @@ SMALLER = {"own_gap.py": "8", "own_scenario.py": "10", "figures.py": "--small"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").rglob("*.py") if "1-derivation" not in path.parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
 def test_code_blocks_print_what_the_page_shows(page):
     """Every Python block of a page runs and prints what stands beneath it."""
@@ -34,6 +35,7 @@ def parameter(example):
     return pytest.param(example, id=example.name, marks=[pytest.mark.slow] if long else [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", [parameter(path) for path in EXAMPLES])
 def test_examples_run(example, capsys, monkeypatch):
     """Every example runs to its end and passes its own assertions, on smaller data where it takes a size."""

@@ -140,6 +140,7 @@ def checks_of(thing):
     return checks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LISTED)
 def test_docstrings_of_the_reference_are_complete(name):
     """Parameters, returns and an example of every function and class; methods and properties are described."""

@@ -118,6 +118,7 @@ def test_a_script_ends_as_its_claims_say(surroundings, tmp_path):
         assert path.read_text().endswith('\n\nif __name__ == "__main__":\n    app.run()\n')
 
 
+@pytest.mark.slow
 @every_notebook
 def test_a_claim_that_does_not_hold_ends_the_run(notebook, tmp_path):
     """A notebook of which one assertion is turned round fails."""

@@ -123,6 +123,7 @@ def parameter(page):
     return pytest.param(page, id=name, marks=[pytest.mark.slow] if name in LONG else [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [parameter(path) for path in PAGES])
 def test_blocks_print_what_the_page_shows(page, tmp_path, monkeypatch):
     """Every command and every example of a page runs, and gives what the page says."""
@@ -200,6 +201,7 @@ def test_ratios_of_the_comparison_are_those_of_the_kept_results():
         assert float(told.replace(",", "")) == pytest.approx(kept, rel=0.05), pattern
 
 
+@pytest.mark.slow
 def test_refresh_writes_what_blocks_print(tmp_path):
     """The script for contributors mends what has changed, and leaves alone what the tests would accept."""
     page, old = tmp_path / "page.md", "```python\n>>> 1 + 1\n3\n>>> 1 / 3\n0.33...\n```\n"

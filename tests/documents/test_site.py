@@ -55,6 +55,7 @@ def pages(site):
     return {path: Page(path) for path in sorted(site.rglob("*.html"))}
 
 
+@pytest.mark.slow
 def test_every_source_became_a_page(site):
     """No page of the sources is left out, and none of the build's own files is taken for one."""
     sources = {p.relative_to(DOCS).with_suffix("") for p in DOCS.rglob("*.md") if "_build" not in p.parts}
@@ -64,6 +65,7 @@ def test_every_source_became_a_page(site):
     assert sources <= built
 
 
+@pytest.mark.slow
 def test_links_and_anchors_lead_somewhere(site, pages):
     """Every link within the site has a target, with the anchor that it names; links beyond are well formed."""
     within = 0
@@ -105,6 +107,7 @@ def test_formulas_are_written_out(site, pages):
             assert "merror" not in formula, f"{path.name}: {bare}"
 
 
+@pytest.mark.slow
 def test_pages_show_well(site, pages, page):
     """Every page asks for nothing beyond this machine, complains nowhere, and fits a desk and a dark phone."""
     for path in pages:
@@ -136,6 +139,7 @@ def test_formulas_are_seen(site, page):
     assert fraction["height"] > 15
 
 
+@pytest.mark.slow
 def test_search_finds_a_word_without_a_server(site, page):
     """The site's own search works from the file system."""
     page.goto((site / "search.html").as_uri() + "?q=markup")

@@ -67,6 +67,7 @@ def without_second(split):
         return run_main_job(split, {}, verify=0)
 
 
+@pytest.mark.slow
 def test_an_instance_without_a_bound_is_left_out_and_named(without_second):
     """Where a solver gives up, no bound is invented: the instance is named with the reason, the others go on."""
     assert without_second.bound_failures == {1: "hit its time limit"}
@@ -88,6 +89,7 @@ def test_a_bound_that_is_not_proven_is_no_bound(split, monkeypatch):
         run_main_job(split, {}, verify=0)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_learned_is_left_out(split):
     """Where nothing is attractive to any worker, learning fails with a reason, and the other policies go on."""
     hopeless = Split(*([replace(day, utility=day.utility - 500.0) for day in part] for part in split))
@@ -98,6 +100,7 @@ def test_what_cannot_be_learned_is_left_out(split):
     assert result.comparison.table["policy"].tolist() == left
 
 
+@pytest.mark.slow
 def test_a_training_that_fails_is_left_out(split, monkeypatch):
     """A value function that diverges is named with the reason, progress reaches its end, and the others go on."""
 
@@ -113,6 +116,7 @@ def test_a_training_that_fails_is_left_out(split, monkeypatch):
     assert told["training"] == (6, 6)
 
 
+@pytest.mark.slow
 def test_a_policy_that_does_not_know_the_tests_is_left_out(split):
     """A test instance that lasts longer than all training instances is beyond what value functions were fitted on."""
     day = split.test[0]
@@ -151,6 +155,7 @@ def test_every_optimal_price_is_verified(split, run):
     assert result.verification.certified == result.verification.decisions > 5 * myopic.decisions
 
 
+@pytest.mark.slow
 def test_learned_policies_are_what_they_are_called(groups):
     """Each learned row of the run is the policy that its name says, learned on the training instances alone."""
     small, result = groups
@@ -186,6 +191,7 @@ def test_both_parts_are_needed(split):
             run_main_job(part, {}, verify=0)
 
 
+@pytest.mark.slow
 def test_written_results_are_the_result(run, tmp_path):
     """The folder holds what the result says, and counts as a run's that may be replaced."""
     result, _ = run

@@ -34,6 +34,7 @@ def test_everything_is_drawn_apart():
     assert all(day.noise is None for day in made.foresight.arrivals)
 
 
+@pytest.mark.slow
 def test_the_process_is_the_scenario_s():
     """Shares are equal, an empty step has its Poisson probability, and workers come as the settings say."""
     made = scenario_charging(scenario("II", seed=1, horizon=12, worker_rate=0.4), training=30, pool=20)

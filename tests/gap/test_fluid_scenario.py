@@ -21,6 +21,7 @@ def days_of_source():
     return SOURCE.sample(4000, seed=1)
 
 
+@pytest.mark.slow
 def test_expected_requests_are_those_that_come():
     """Means of numbers, money, windows and utilities, each within five standard errors of 4,000 instances."""
     model = fluid_model(SOURCE)
@@ -47,6 +48,7 @@ def test_expected_requests_are_those_that_come():
     same(model.presence, there)
 
 
+@pytest.mark.slow
 def test_the_bound_is_proven_and_above_what_can_be_earned():
     """The certificate holds against the model made anew, and the bound lies above arrival information in the mean."""
     bound, value = bid_prices(SOURCE)
@@ -58,6 +60,7 @@ def test_the_bound_is_proven_and_above_what_can_be_earned():
     assert earned.mean() < bound.value
 
 
+@pytest.mark.slow
 def test_sampled_means_come_near():
     """FluidModel.from_instances of 4,000 instances is within one per cent."""
     exact = fluid_bound(fluid_model(SOURCE), tolerance=1e-4).value
@@ -66,6 +69,7 @@ def test_sampled_means_come_near():
     )
 
 
+@pytest.mark.slow
 def test_bid_prices_pay_where_requests_are_many():
     """On I.3 they earn more than the myopic policy does, with an interval that excludes zero."""
     source = scenario("I.3", seed=0, horizon=20)
@@ -77,6 +81,7 @@ def test_bid_prices_pay_where_requests_are_many():
     assert gain.mean() > 2 * gain.std(ddof=1) / np.sqrt(gain.size)
 
 
+@pytest.mark.slow
 def test_bid_prices_are_zero_where_nothing_waits():
     """What expires now has no future."""
     seen = []

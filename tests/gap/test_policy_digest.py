@@ -108,6 +108,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", PAIRS.values(), ids=PAIRS)
 def test_what_differs_has_another_digest(make):
     """A number that moves by a millionth makes another policy, wherever it stands; made again, it is the same."""

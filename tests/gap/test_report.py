@@ -101,12 +101,14 @@ def test_charges_take_the_luck_out(report):
         assert row["money_half_width"] < 0.5 * 2.2 * raw.std() / np.sqrt(len(raw))
 
 
+@pytest.mark.slow
 def test_processes_change_nothing(days, charges, report):
     """Two processes give what one gives, to the last digit."""
     again = gap_report(days, NAMED, n_jobs=2, **charges)
     pd.testing.assert_frame_equal(again.rows, report.rows, check_exact=True)
 
 
+@pytest.mark.slow
 def test_an_interrupted_report_goes_on(days, plain, tmp_path):
     """Interrupted after five instances it goes on from there, and ends with the same rows."""
 
@@ -126,6 +128,7 @@ def test_an_interrupted_report_goes_on(days, plain, tmp_path):
     pd.testing.assert_frame_equal(resumed.rows, plain.rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policies", "change"),
     [
@@ -201,6 +204,7 @@ def test_noise_is_not_needed(days):
     assert any("noise: drawn here for 3 instances" in told for told in without.assumptions)
 
 
+@pytest.mark.slow
 def test_a_scenario_brings_what_it_needs(monkeypatch):
     """A scenario stands for its test instances, and charges for its own process, from as many others as are set."""
     monkeypatch.setattr(charging, "MOST", 200)
@@ -214,6 +218,7 @@ def test_a_scenario_brings_what_it_needs(monkeypatch):
     assert found.best_bound == "penalised"
 
 
+@pytest.mark.slow
 def test_workers_who_come_otherwise_make_no_penalised_bound(days, charges, plain):
     """A worker rate that the instances contradict: one line, no bound by it, and the others stand."""
     wrong = {"value": charges["value"], "foresight": Foresight(fifo_presence(0.9), np.ones(1))}
@@ -378,6 +383,7 @@ def test_the_ladder_has_a_rung_for_each(report):
     assert ax.get_title() == report.claim()
 
 
+@pytest.mark.slow
 def test_linear_charges_are_paid_by_nobody_and_lower_the_multipliers_bound():
     """As with charges by a value function: a policy's own take the luck out, and no path is below zero."""
     source = scenario("I.1", seed=0, split=(60, 24, 0), horizon=25)
@@ -392,6 +398,7 @@ def test_linear_charges_are_paid_by_nobody_and_lower_the_multipliers_bound():
     assert any("linear charges" in told for told in found.assumptions)
 
 
+@pytest.mark.slow
 def test_linear_charges_are_simulated_where_too_many_wait():
     """Told apart or not, a policy is charged the same in the mean: by 4 standard errors of the draws."""
     source = scenario("I.1", seed=0, split=(20, 2, 0), horizon=15)
@@ -402,6 +409,7 @@ def test_linear_charges_are_simulated_where_too_many_wait():
     assert drawn.rows["charge: half"].to_numpy() == pytest.approx(exact.rows["charge: half"].to_numpy(), abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_process_that_is_contradicted_has_no_linear_charges_either():
     others, days = processes.days(processes.rush, 12, 1), processes.days(processes.rush, 12, 2)
     charges = fit_linear_charges(others, Foresight(fifo_presence(0.5), np.ones(1)))
@@ -412,6 +420,7 @@ def test_a_process_that_is_contradicted_has_no_linear_charges_either():
         gap_report(days, NAMED, kinds=["penalised-lagrangian"])
 
 
+@pytest.mark.slow
 def test_other_days_tell_what_few_bounded_ones_hide():
     """A rate that three days do not refute is refused by sixty others of which nothing was made."""
     bounded, others = processes.days(processes.slow, 3, 1), processes.days(processes.slow, 60, 2)

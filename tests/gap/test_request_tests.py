@@ -27,6 +27,7 @@ def test_the_true_process_is_seldom_contradicted(pool):
     assert 0.3 < np.mean(p) < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -14,6 +14,7 @@ from tests.gap import processes
 ASSUMED = Foresight(fifo_presence(0.5), np.ones(1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("process", processes.FALSE)
 def test_what_is_not_the_process_is_contradicted(process):
     """The number a day may agree: by time of day, by stretch or by its spread it does not."""
@@ -29,6 +30,7 @@ def test_a_rush_is_told_by_its_hour():
     assert "steps 13 to 24 saw" in told or "steps 0 to 12 saw" in told
 
 
+@pytest.mark.slow
 def test_the_true_process_is_seldom_contradicted():
     """P-values of true processes are uniform: of 20 one at most is at the level, and they spread over 0 to 1."""
     p = [worker_test(processes.days(processes.constant, 4, seed=s), ASSUMED, seed=s).p for s in range(20)]
@@ -105,6 +107,7 @@ def test_one_p_value_of_several_statistics():
     assert not ProcessTest(LEVEL + 0.001, "").contradicted
 
 
+@pytest.mark.slow
 def test_shares_that_are_given_are_not_excused_by_rates_that_were_learned():
     """What few days could teach of the rates says nothing for shares that somebody states."""
     days = scenario("II", seed=0).sample(12, seed=0)

@@ -300,6 +300,7 @@ def test_repr_is_one_short_line():
     assert repr(noisy()).endswith("noise=dense)")
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(layouts())
 def test_pairs_against_brute_force(instance):
@@ -576,6 +577,7 @@ def plain_queue(arrival, horizon):
     return seen
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.integers(0, 12), max_size=15), st.integers(1, 15))
 def test_fifo_queue_against_a_plain_queue(arrival, horizon):

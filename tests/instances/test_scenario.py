@@ -47,6 +47,7 @@ def test_scenarios_are_those_of_the_paper():
     assert preferences == {**dict.fromkeys(PAPER, (0.0, 0.0)), "nyc-strong": (30.0, 30.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SYNTHETIC)
 def test_split_sizes(name):
     """A synthetic scenario splits into 480 training, 120 test and 30 validation instances, all of them different."""
@@ -57,6 +58,7 @@ def test_split_sizes(name):
     assert len(keys) == 630
 
 
+@pytest.mark.slow
 def test_split_follows_the_world_seed():
     """The split is the same each time, and another one for another seed."""
     sizes = {"split": (2, 1, 1)}
@@ -122,6 +124,7 @@ def test_any_number_of_processes():
     assert elsewhere == source.sample(6, seed=4)
 
 
+@pytest.mark.slow
 def test_another_interpreter():
     """A fresh interpreter, with another hash seed, draws the same numbers to the last bit."""
     code = (
@@ -160,6 +163,7 @@ FROZEN_FIGURES = [
 ]
 
 
+@pytest.mark.slow
 def test_draws_are_frozen():
     """I.1 of seed 0 is what it was when it was defined: a change here changes every published figure.
 

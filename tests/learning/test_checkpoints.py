@@ -143,6 +143,7 @@ def test_other_instances_are_another_training(tmp_path, days, name, part):
     assert checkpoint(tmp_path, days, **changed).key != checkpoint(tmp_path, days, **own).key
 
 
+@pytest.mark.slow
 def test_another_process_knows_the_instances_again():
     """The digest says what instances are, not where: noise that is not realised, as in arrivals, had an address."""
     code = (

@@ -57,6 +57,7 @@ def test_epsilon_zero_changes_nothing():
     np.testing.assert_array_equal(same.scale, TRUE["II"].scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("epsilon", [0.5, 1.0, 2.5])
 def test_uniform_in_the_shell(epsilon):
     """radius^d is uniform between its ends (Kolmogorov-Smirnov, p > 0.001); directions have mean 0 and no favourite.

@@ -47,6 +47,7 @@ def collected(monkeypatch):
     return seen
 
 
+@pytest.mark.slow
 def test_rounds_are_recorded(days):
     """One row per round and group; data add up over rounds; the last row is what the preferences say of themselves."""
     told = []
@@ -69,6 +70,7 @@ def test_rounds_are_recorded(days):
     assert last["standard_error"] == pytest.approx(np.sqrt((sure**2).mean()), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_truth_is_relative_to_the_outside_utility(days):
     """Utilities and the outside utility moved by the same 7 change no choice, hence no offer, estimate or error."""
     moved = [replace(one, utility=one.utility + 7.0, outside_utility=7.0) for one in days]
@@ -76,6 +78,7 @@ def test_truth_is_relative_to_the_outside_utility(days):
     np.testing.assert_allclose(other[["rmse", "mbe"]], one[["rmse", "mbe"]], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_stops_at_the_tolerance(days):
     """It stops in the first round whose standard error meets the tolerance, and says that it converged."""
     endless = learn_preferences(days, rounds=4, tolerance=1e-9, seed=0).rounds
@@ -87,6 +90,7 @@ def test_stops_at_the_tolerance(days):
     np.testing.assert_allclose(found.rounds["rmse"], endless["rmse"].iloc[:3], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same(days):
     """Seeds settle everything; another seed sees other offers."""
     one, again, other = (learn_preferences(days, rounds=2, seed=s) for s in (4, 4, 5))
@@ -95,6 +99,7 @@ def test_the_same_seed_gives_the_same(days):
     assert (one.preferences.weights != other.preferences.weights).any()
 
 
+@pytest.mark.slow
 def test_every_round_is_another_day(days, collected):
     """Later rounds see the same arrivals with noise drawn anew each time; the caller's instances stay as they are."""
     learn_preferences(days, rounds=3, tolerance=1e-9, seed=2)
@@ -111,6 +116,7 @@ def test_every_round_is_another_day(days, collected):
     assert not np.isin(second[0].noise.ravel()[:5], second[1].noise).any()
 
 
+@pytest.mark.slow
 def test_the_workers_of_round_two_know_nothing_of_the_arrivals(collected):
     """With the default seeds, noise of round 2 is independent of what arrived (|r| below 5 / sqrt(480) = 0.23)."""
     train = scenario("I.1", seed=0, horizon=20).split().train
@@ -157,6 +163,7 @@ def test_a_round_that_is_not_identified_never_ends_the_search(days):
     assert found.converged
 
 
+@pytest.mark.slow
 def test_standard_errors_foresee_the_errors(learned):
     """The recorded RMSE is of the size of its standard error: within a factor of 3 in identified rounds.
 
@@ -264,6 +271,7 @@ def test_a_negative_seed(days):
         learn_preferences(days[:20], seed=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed", "rounds", "far"), [("I.2", 11, 8, 0), ("I.3", 1, 8, 0), ("II", 8, 3, 1)])
 def test_a_maximum_that_is_far_out_is_reached(monkeypatch, name, seed, rounds, far):
     """A few days may put the maximum far out, but where nothing is separated Newton gets there: every fit converges.

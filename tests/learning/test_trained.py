@@ -197,6 +197,7 @@ def changed(plain, where, what):
 TERM = ("value", "terms", 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "what"),
     [

@@ -52,6 +52,7 @@ def two_rounds(monkeypatch):
     monkeypatch.setattr(training, "learn_preferences", partial(learn_preferences, rounds=2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", ["linear", "kernel"])
 @pytest.mark.parametrize("name", ["I.1", "II"])
 def test_waiting_pays_where_workers_are_scarce(world, name, value):
@@ -62,6 +63,7 @@ def test_waiting_pays_where_workers_are_scarce(world, name, value):
     assert trained.preferences is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", ["linear", "kernel"])
 def test_waiting_is_worth_nothing_where_nothing_can_wait(value):
     """If every request lives for one step, there is nothing to lose, and the policy is the myopic one, bit for bit."""
@@ -71,6 +73,7 @@ def test_waiting_is_worth_nothing_where_nothing_can_wait(value):
     np.testing.assert_array_equal(simulate(days, trained.policy).reward, simulate(days, PostDecisionPricing()).reward)
 
 
+@pytest.mark.slow
 def test_waiting_pays_where_workers_abound():
     """With a worker at every step waiting has a value too: pay little, and wait for one who is in the mood."""
     source = scenario("I.1", seed=0, request_rate=0.08, worker_rate=3.0)
@@ -110,6 +113,7 @@ def test_preferences_of_several_groups(world, choice, models):
         assert mean_interval(earned, myopic).low > 0
 
 
+@pytest.mark.slow
 def test_given_preferences_are_used_as_they_are(world):
     """Preferences that are given are priced with, and not learned again."""
     days = world("I.1")[0][:40]
@@ -121,6 +125,7 @@ def test_given_preferences_are_used_as_they_are(world):
     assert (trained.value.coef_ != train(days, choice="true").value.coef_).any()
 
 
+@pytest.mark.slow
 def test_learned_preferences_are_refitted_every_round(split):
     """The offers of every round join the data: what is learned in the end is not what was learned first."""
     first = learn_preferences(split.train, seed=0).preferences
@@ -172,6 +177,7 @@ def test_experience_is_what_the_simulation_left_waiting(split):
     assert experience.discount == 1.0
 
 
+@pytest.mark.slow
 def test_the_discount_and_the_deviations_count(split):
     """Settings reach the experience and the record; those of the estimator are taken where the caller sets none."""
     Spy.seen = ()
@@ -265,6 +271,7 @@ class Scripted:
         return np.where(sets.member, self.cost, 0.0)
 
 
+@pytest.mark.slow
 def test_progress_is_told_to_the_end(split):
     """Progress never goes back and ends at the total, whether seeds stop early, fail, or do neither."""
     failing = TrainingError("diverged")
@@ -336,6 +343,7 @@ def test_what_was_interrupted_goes_on(tmp_path, split, choice, two_rounds):
     np.testing.assert_array_equal(done.value.coef_, whole.value.coef_)
 
 
+@pytest.mark.slow
 def test_a_damaged_checkpoint_is_trained_again(tmp_path, split):
     """A file that was cut off is replaced by the same outcome."""
     one = train(split, choice="true", checkpoint=tmp_path)
@@ -495,6 +503,7 @@ def test_nothing_to_train_on_is_refused(split):
         train([replace(split.train[0], noise=None, outside_noise=None)], choice="true")
 
 
+@pytest.mark.slow
 def test_sources(split):
     """A scenario is split by itself; one instance is a sequence of one."""
     source = scenario("I.1", seed=0, split=(30, 1, 10), horizon=STEPS)
@@ -504,6 +513,7 @@ def test_sources(split):
     np.testing.assert_array_equal(one.value.coef_, alone.value.coef_)
 
 
+@pytest.mark.slow
 def test_more_instances_can_be_drawn_for_a_scenario(split):
     """They take the place of the split's, with as many in proportion to choose by."""
     source = scenario("I.1", seed=0, split=(30, 1, 10), horizon=STEPS)

@@ -9,6 +9,7 @@ from optkit.learning.worker_rates import learn_worker_rates
 from tests.gap import processes
 
 
+@pytest.mark.slow
 def test_a_steady_stream_is_one_piece():
     """Half a worker a step, within four standard errors, and no piece that noise alone made."""
     found = learn_worker_rates(processes.days(processes.constant, 40, seed=0))
@@ -18,6 +19,7 @@ def test_a_steady_stream_is_one_piece():
     assert found.days == 40
 
 
+@pytest.mark.slow
 def test_a_rush_is_two_pieces_and_its_queue_is_known():
     """0.1 and 0.9 a step, parted at noon: though at 0.9 a step most of those who are seen joined before."""
     found = learn_worker_rates(processes.days(processes.rush, 60, seed=1))
@@ -45,6 +47,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(half_days):
     assert np.log(drawn).std(axis=0) == pytest.approx(np.full(24, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
 
 
+@pytest.mark.slow
 def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     """Nobody was seen: a rate near 0, and not 0; somebody always: one so high that somebody is nearly sure."""
     nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(24, int), 20, seed=0))

@@ -55,6 +55,7 @@ def check_agreement(solution, v, u, mu, outside, nonnegative):
     assert np.abs((solution.multiplier - proof.multiplier) * best.acceptance).max() <= 1e-4 * money
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nonnegative", [True, False])
 @pytest.mark.parametrize("mu", [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3])
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 50])
@@ -66,6 +67,7 @@ def test_profit_probabilities_prices_and_duals_are_those_of_the_closed_form(n, m
         check_agreement(solution, v, u, mu, outside, nonnegative)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nonnegative", [True, False])
 @pytest.mark.parametrize("mu", [1e-3, 0.1, 1.0, 1e3])
 @pytest.mark.parametrize("n", [200, 1000])
@@ -254,6 +256,7 @@ def test_a_request_that_only_draws_workers_from_a_worse_one_still_matters(value,
     check_agreement(PricingProgram(len(v)).solve(v, u, mu), v, u, mu, 0.0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 3, 8])
 def test_losses_that_workers_love_are_priced_like_anything_else(n):
     for seed in range(100):

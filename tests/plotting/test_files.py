@@ -11,6 +11,7 @@ def drawn(value):
     return figure.subplots().plot([0, value])[0].axes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "date"), [("png", b"tIME"), ("pdf", b"Date"), ("svg", b"dc:date")])
 def test_nothing_tells_when(kind, date):
     """Bytes follow from what is drawn: no entry of the format's that holds a date."""

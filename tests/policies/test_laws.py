@@ -67,6 +67,7 @@ def shown(state, batch, rows=slice(None), columns=slice(None)):
     return State(batch, state.step, *places, state.request[rows, columns], state.offered[rows, columns])
 
 
+@pytest.mark.slow
 @every_policy
 def test_offers_are_feasible_and_repeatable(policies, visited, name):
     """Finite numbers of at least 0, the same when asked again."""

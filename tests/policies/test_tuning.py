@@ -20,6 +20,7 @@ def days():
     return scenario("II", seed=2).sample(12, seed=3)
 
 
+@pytest.mark.slow
 def test_share_against_a_plain_loop(days):
     """Every mean reward of PP's grid is that of a simulation of its own, and the best setting is returned.
 
@@ -33,6 +34,7 @@ def test_share_against_a_plain_loop(days):
     assert tuned.mean_reward == tuned.table["mean_reward"].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [1, 30, 6000])
 def test_formula_against_a_plain_loop(days, at_once, monkeypatch):
     """FP's grid gives the means of one simulation per setting (1e-12), however many runs share a lockstep."""
@@ -46,6 +48,7 @@ def test_formula_against_a_plain_loop(days, at_once, monkeypatch):
     assert tuned.mean_reward == pytest.approx(max(mean), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_requests_that_a_worker_likes_as_much():
     """Of requests that are worth the same to a worker the first is taken, as by the simulator: to the last digit."""
     day = scenario("I.1", seed=0).sample(1, seed=1)[0]

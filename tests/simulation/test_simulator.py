@@ -170,6 +170,7 @@ def tiny(**changes):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", PAIRS)
 @pytest.mark.parametrize("name", ["I.1", "I.2", "I.3", "II"])
 def test_scenarios_against_the_slow_simulator(name, policy):
@@ -179,6 +180,7 @@ def test_scenarios_against_the_slow_simulator(name, policy):
     assert_same(instances, simulate(instances, fast), slow)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.lists(small_instances(), min_size=1, max_size=5), st.sampled_from(sorted(PAIRS)))
 def test_small_instances_against_the_slow_simulator(instances, policy):
@@ -187,6 +189,7 @@ def test_small_instances_against_the_slow_simulator(instances, policy):
     assert_same(instances, simulate(instances, fast), slow)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.lists(small_instances(), min_size=1, max_size=5), st.integers(0, 2**32 - 1))
 def test_laws_of_every_run(instances, seed):
@@ -213,6 +216,7 @@ def test_laws_of_every_run(instances, seed):
         assert result.served[b] == took.size
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.lists(small_instances(), min_size=2, max_size=5), st.sampled_from(sorted(PAIRS)))
 def test_company_does_not_matter(instances, policy):
@@ -241,6 +245,7 @@ def test_sparse_noise_is_the_same_noise():
         assert np.array_equal(result.reward, dense.reward)
 
 
+@pytest.mark.slow
 def test_frequencies_follow_the_choice_model():
     """Over many draws of the noise, choices come as often as the multinomial logit says, in both groups.
 

@@ -105,6 +105,7 @@ def test_pay_and_use_show_the_means_of_operations(drawn):
     assert "%" in lower.get_ylabel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("label", "scenario", "lines"), [("sens_syn", "I.1", 4), ("sens_syn_2", "II", 13)])
 def test_a_bubble_is_its_row(made_up, label, scenario, lines):
     """Number and area are the ratio, the colour is the MBE, the last column is the mean."""
@@ -277,6 +278,7 @@ def test_what_differs_in_kind_is_of_the_first_world(made_up):
                 assert texts(figure) == texts(draw(first, label))
 
 
+@pytest.mark.slow
 def test_policies_keep_their_colour(made_up):
     """A family of policies has one colour in all figures, and hatching tells what is known of workers."""
     seen = {}

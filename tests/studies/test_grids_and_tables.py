@@ -253,6 +253,7 @@ def homogeneous(step, leave=()):
     return study_tables(study_run(pairs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "verdict"), [(20.0, "reproduced"), (0.5, "not settled"), (-20.0, "contradicted")])
 def test_an_order_of_scenarios_is_reproduced_only_where_the_draws_settle_it(step, verdict):
     last = claims("homogeneous", homogeneous(step))[-1]
@@ -261,6 +262,7 @@ def test_an_order_of_scenarios_is_reproduced_only_where_the_draws_settle_it(step
     assert last["here"].count("[") == 2
 
 
+@pytest.mark.slow
 def test_a_cell_that_failed_elsewhere_takes_no_scenario_from_the_claims():
     """Without the kernel on I.3, which no claim asks for, I.3 is still compared; without its rules it is not."""
     assert claims("homogeneous", homogeneous(1.0, ["Kernel, true MNL"])) == claims("homogeneous", homogeneous(1.0))

@@ -190,6 +190,7 @@ def test_text_of_others_is_escaped(made_up, small):
     )
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said(made_up, monkeypatch):
     """Failed cells with their reason, cells that were not worked out, figures that could not be drawn, extras."""
     study, run = made_up("heterogeneous", leave=lambda cell: cell.kind in ("utilities", "gap"))
@@ -242,6 +243,7 @@ def test_settings_versions_and_checksums_are_told(made_up, small):
     assert study.trips[0] not in page.text + json.dumps(told)
 
 
+@pytest.mark.slow
 def test_only_a_report_of_the_same_study_is_replaced(made_up, small, tmp_path):
     """What is not ours stays as it is."""
     study, run = made_up("homogeneous")
@@ -280,6 +282,7 @@ def test_a_full_disk_leaves_the_old_report(made_up, small, tmp_path, monkeypatch
     assert [file.name for file in tmp_path.iterdir() if "report" in file.name] == ["report"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(LATEX))
 def test_latex_tables_have_a_cell_for_every_column(made_up, name):
     """As many cells as columns in each line, booktabs' rules, caption, label; a world only where there are several."""
@@ -325,6 +328,7 @@ def test_numbers_are_written_for_people():
     ]
 
 
+@pytest.mark.slow
 def test_every_column_has_a_heading(made_up):
     """No table of any study shows a name of the code where people read a heading with its unit."""
     for name in ("homogeneous", "heterogeneous", "sensitivity", "nyc"):
@@ -335,6 +339,7 @@ def test_every_column_has_a_heading(made_up):
             assert not [heading for heading in told.headings if "_" in heading]
 
 
+@pytest.mark.slow
 def test_a_figure_is_the_same_bytes_at_any_time(monkeypatch):
     """As PNG, PDF and SVG, also in another decade by Matplotlib's clock, and when another was drawn in between."""
 

@@ -45,6 +45,7 @@ def test_the_number_of_processes_does_not_matter(tmp_path, whole):
     assert texts(run_cells(CELLS, CellStore(tmp_path), jobs=2)) == whole
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_not_worked_out_again(tmp_path, whole, monkeypatch):
     store = CellStore(tmp_path)
     assert run_cells(CELLS[:8], store).fresh == 8
@@ -54,6 +55,7 @@ def test_what_is_finished_is_not_worked_out_again(tmp_path, whole, monkeypatch):
     assert (again.fresh, again.failed, texts(again)) == (0, {}, whole)
 
 
+@pytest.mark.slow
 def test_what_was_damaged_is_worked_out_again(tmp_path, whole):
     store = CellStore(tmp_path)
     run_cells(CELLS, store)
@@ -123,6 +125,7 @@ def test_killed_at_twenty_random_moments(tmp_path, whole):
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_finished(tmp_path, whole):
     def stop(done, total, left):
         if done == 4:

@@ -95,6 +95,7 @@ def test_details_add_up():
     np.testing.assert_allclose(found["over"], over, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_errors_of_utilities_are_true_less_estimated():
     """Against every request of the test instances, one by one."""
     told, found = cell("utilities"), cell("estimate", choice="learned", seed=2)
@@ -113,6 +114,7 @@ def test_errors_of_utilities_are_true_less_estimated():
     assert {tuple(np.round(x, 9)) for x in kinds} == features
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("groups", [None, [1]])
 def test_perturbed_policies_believe_what_they_are_told(groups):
     more = {} if groups is None else {"groups": groups}
@@ -139,6 +141,7 @@ def test_the_gap_is_the_report_s(monkeypatch):
     assert not any("seconds" in row for row in found["bounds"])
 
 
+@pytest.mark.slow
 def test_trips_that_are_not_those_of_the_plan_are_refused(trip_a_minute):
     """Also when the scenario was made before: a place's digest, not the path, says which trips are meant."""
     place = {"scenario": "nyc-weak", "world": 0, "set": {"split": [1, 1, 1]}}
@@ -171,6 +174,7 @@ def test_what_is_not_known_of_a_place_is_refused():
         run_cell(Cell("bounds", {**PLACE, "weather": "rain"}, {}))
 
 
+@pytest.mark.slow
 def test_the_same_cell_gives_the_same_result():
     one = Cell("policy", PLACE, {"policy": "Kernel, true MNL", "seed": 1})
     assert run_cell(one) == run_cell(one)
@@ -202,6 +206,7 @@ FROZEN = {
 """Sums of the results of tiny cells with SCHEMA 2; of perturbed ones since their streams moved."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FROZEN, ids=" ".join)
 def test_what_cells_mean_has_not_changed(name):
     """A default that changes gives other results under the same key. If it was meant, raise SCHEMA and freeze anew.

@@ -110,6 +110,7 @@ def test_what_columns_are_read_as(tmp_path, kind, how, good, read):
         assert table.columns({"a": how})["a"].tolist() == read
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
 @pytest.mark.parametrize(
     ("how", "bad"),

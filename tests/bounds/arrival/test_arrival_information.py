@@ -34,6 +34,7 @@ def crowded(random_instance):
     return random_instance(np.random.default_rng(0), requests=40, workers=5, horizon=10, lifetime=20.0)
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(0, 6), st.floats(0.0, 55.0), st.booleans())
 def test_the_hybrid_holds_for_any_multipliers(random_instance, seed, limit, liking, nonnegative):
@@ -54,6 +55,7 @@ def test_a_served_request_is_not_forced_on_workers_who_love_it(random_instance):
     assert arrival_hybrid(day, limit=0, multipliers=[100.0]).value >= arrival_exact(day).value
 
 
+@pytest.mark.slow
 def test_the_hybrid_lies_between_the_exact_and_the_lagrangian_bound(busy):
     for day in busy:
         exact, lagrangian = arrival_exact(day).value, arrival_dual(day).value
@@ -90,6 +92,7 @@ def test_where_room_is_scarce_the_dearest_is_tracked(random_instance):
     assert choose_tracked(day, np.array([3.0, 9.0, 1.0, 7.0, 2.0]), 2).tolist() == [False, True, False, True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["exact", "hybrid", "lagrangian", "program"])
 def test_every_method_is_a_proven_bound_and_says_what_it_is(busy, method):
     day = busy[0]

@@ -99,6 +99,7 @@ def test_scenarios_are_solved_and_proven(name):
         assert 0 <= verdict.gap <= 2e-9 * (bound.value - day.penalty.sum())  # the tolerance, and rounding
 
 
+@pytest.mark.slow
 def test_below_the_mean_of_full_information():
     """Who also knows the noise earns more in the mean; over 400 draws by far more than their standard error."""
     for day in scenario("II", seed=0).sample(2, seed=3):
@@ -117,6 +118,7 @@ def test_without_noise_it_becomes_the_matching():
     assert abs(arrival_dual(day).value - matching) > few
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(1, 3), st.integers(1, 40))
 @settings(deadline=None)  # the first example imports SciPy's linear algebra
 def test_stopping_early_is_valid_looser_and_says_so(random_instance, seed, groups, steps):

@@ -63,6 +63,7 @@ def test_as_the_noise_vanishes_the_bound_becomes_the_full_information_bound(rand
     assert arrival_exact(day).value == pytest.approx(full_information(still).value, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_full_information_is_worth_more_in_the_mean(random_instance, seed):
     day = random_instance(np.random.default_rng(seed), groups=2)
@@ -71,6 +72,7 @@ def test_full_information_is_worth_more_in_the_mean(random_instance, seed):
     assert bound < full.mean() - 4 * standard_error(full)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", [RewardPercentage(0.6), PostDecisionPricing()], ids=["percentage", "myopic"])
 def test_no_policy_earns_more_in_the_mean(random_instance, policy):
     day = random_instance(np.random.default_rng(1), requests=10, groups=2)

@@ -61,6 +61,7 @@ def a_solution(day, multipliers):
     return P / np.maximum(P.sum(axis=0), 1.0)
 
 
+@pytest.mark.slow
 @given(seeds, kinds, st.floats(0, 100))
 def test_the_dual_is_its_definition_and_never_below_it(random_instance, seed, kind, level):
     rng = np.random.default_rng(seed)
@@ -73,6 +74,7 @@ def test_the_dual_is_its_definition_and_never_below_it(random_instance, seed, ki
     assert bound == pytest.approx(float(exact), abs=1e-11 * 1e4)
 
 
+@pytest.mark.slow
 @given(seeds, kinds, st.floats(0, 100))
 def test_the_gradient_is_that_of_finite_differences(random_instance, seed, kind, level):
     rng = np.random.default_rng(seed)
@@ -89,6 +91,7 @@ def test_the_gradient_is_that_of_finite_differences(random_instance, seed, kind,
     assert float(up - down) / (2 * h) == pytest.approx(slope @ direction, abs=1e-6 * day.n_requests)
 
 
+@pytest.mark.slow
 @given(seeds, kinds, st.floats(0, 100))
 def test_weak_duality_with_any_feasible_solution(random_instance, seed, kind, level):
     """What a feasible solution earns, computed from the definition, is what the verdict says, and below every D(l)."""

@@ -33,6 +33,7 @@ def stretched(market, factor):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @given(seeds, kinds, st.sampled_from([0.1, 1.0, 10.0, 1e3]))
 @settings(deadline=None)  # the first example imports SciPy's linear algebra
 def test_the_optimum_is_certified_at_any_noise(random_instance, seed, kind, factor):
@@ -45,6 +46,7 @@ def test_the_optimum_is_certified_at_any_noise(random_instance, seed, kind, fact
     assert verdict.gap <= 1e-9 * (verdict.bound - market.constant) + 2e-10
 
 
+@pytest.mark.slow
 @given(seeds, kinds)
 @settings(deadline=None, max_examples=30)
 def test_sparse_and_dense_linear_algebra_agree(random_instance, seed, kind):

@@ -51,6 +51,7 @@ def busy_day(random_instance, seed):
     return replace(day, utility=0.5 * day.utility)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_the_mean_of_simulations(random_instance, seed):
     """2,000 draws of the noise, within 4 standard errors, for each policy."""

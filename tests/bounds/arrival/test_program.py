@@ -17,6 +17,7 @@ def day():
     return scenario("I.1", seed=0).sample(1, seed=1)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["I.1", "I.2", "I.3", "II"])
 def test_program_and_dual_agree(name):
     """To 1e-6, as the design asks for: Clarabel's tolerance is 1e-8 of a scaled problem."""

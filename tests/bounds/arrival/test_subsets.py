@@ -101,6 +101,7 @@ def test_the_reference_prices_as_a_direct_search_does():
     assert best_profit(value, logit, 0.8) == pytest.approx(-found.fun, abs=1e-7)  # the search stops at a slope of 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("liking", [0.0, 55.0], ids=["prices free", "prices held at 0"])
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 @pytest.mark.parametrize("seed", range(4))
@@ -212,6 +213,7 @@ def test_a_charge_of_the_wrong_shape_is_refused(random_instance):
             program(day, every_step=True).tables(wrong)
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.floats(0.0, 60.0))
 def test_any_tables_prove_a_bound_and_give_a_policy(random_instance, seed, liking):

@@ -175,6 +175,7 @@ def test_two_steps_by_hand():
     assert solution.opportunity_cost(0, [[0]], [[1]]) == pytest.approx(two - one, abs=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(30))
 def test_random_models_agree_with_brute_force(seed):
     """Values, post-decision values and opportunity costs; 1e-9 is what L-BFGS-B may leave."""
@@ -251,6 +252,7 @@ def test_with_a_queue_the_policy_that_sees_it_earns_the_exact_value(queue):
     assert solution.value - without > 10 * error, "the test could not tell the queue from none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("queue", [0, 2])
 def test_full_information_is_worth_more(queue):
     """The mean full-information bound over 300 instances lies above the exact value by 4 standard errors."""
@@ -288,6 +290,7 @@ def test_without_workers_all_penalties_are_paid_and_without_requests_nothing():
     assert exact_value(replace(SCARCE, arrivals=[0.0, 0.0, 0.0])).value == 0.0
 
 
+@pytest.mark.slow
 def test_more_workers_or_a_longer_queue_are_worth_more():
     """Limit cases and monotonicity: who may wait is of use only if workers come in groups."""
     values = [exact_value(replace(SCARCE, workers=np.array([1 - p, 0.0, p]), queue=2)).value for p in (0.2, 0.5, 0.8)]
@@ -340,6 +343,7 @@ def test_a_lowered_profit_proves_no_less(by):
         prove(replace(bound, certificate=forged, value=bound.value - by), SCARCE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [1e-3, 0.1, 50.0, -50.0])
 @pytest.mark.parametrize("where", [0, 5, slice(None)])
 def test_changed_values_never_prove_less_than_the_truth(by, where):
@@ -393,6 +397,7 @@ def test_the_limit_is_passed_on():
         exact_value(SCARCE, limit=states - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -251,6 +251,7 @@ def test_the_queue_is_the_first_in_first_out_queue_of_the_kit(queue):
     assert sum(found.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("queue", [0, 2])
 def test_drawn_queues_follow_the_transitions(queue):
     """Frequencies of (length before, length after, worker seen) in draws, within 4.5 standard errors."""

@@ -47,6 +47,7 @@ def test_one_instance_is_the_fluid_model_of_itself():
         assert fluid.value == pytest.approx(arrival_dual(day).value, rel=1e-8)  # the tolerances of both
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=20, deadline=None)
 def test_above_the_mean_of_independent_requests_and_workers(random_instance, seed):

@@ -39,6 +39,7 @@ def with_one_more(model, count, step, steps_left, reward, penalty, utility):
     )
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=30, deadline=None)
 def test_the_price_is_the_derivative_of_the_bound(seed):

@@ -66,6 +66,7 @@ def test_known_optimum_matching_and_prices(case, method):
         assert certificate.worker_dual == pytest.approx(z, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(seeds, kinds)
 @settings(deadline=None, max_examples=40)  # the integer program takes a few milliseconds
 def test_all_methods_agree_and_certify(random_instance, seed, kind):
@@ -82,6 +83,7 @@ def test_all_methods_agree_and_certify(random_instance, seed, kind):
     assert np.ptp(list(values.values())) <= AGREE * scale
 
 
+@pytest.mark.slow
 @given(seeds, kinds)
 def test_the_default_is_the_best_of_all_matchings(random_instance, brute_force, seed, kind):
     day = random_instance(np.random.default_rng(seed), requests=6, workers=5, **kind)
@@ -95,6 +97,7 @@ def test_brute_force_agrees_with_every_method(random_instance, brute_force, kind
     assert full_information(day, method).value == pytest.approx(brute_force(day), rel=AGREE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ties", [False, True])
 def test_windows_programs_and_default_agree_on_a_long_horizon(random_instance, ties):
     day = random_instance(
@@ -187,6 +190,7 @@ def test_a_solver_that_is_wrong_is_not_believed(random_instance, monkeypatch):
         full_information(day)
 
 
+@pytest.mark.slow
 def test_the_function_is_exported_even_where_its_module_was_imported_first():
     code = (
         "import sys, optkit.bounds.full.full_information\n"

@@ -40,6 +40,7 @@ def test_a_time_limit_is_an_error_and_no_answer(random_instance, integer):
         solve_matching_program(graph, integer=integer, time_limit=1e-9)
 
 
+@pytest.mark.slow
 def test_the_solver_says_nothing():
     """Standard output belongs to the caller; HiGHS 1.16 greets there from C, once, as a first object is made."""
     code = (

@@ -38,6 +38,7 @@ def test_duals_of_an_optimal_matching_are_feasible_and_complementary(random_inst
         assert np.allclose(np.delete(z, worker), 0, atol=1e-10)
 
 
+@pytest.mark.slow
 @given(seeds, shapes)
 def test_the_request_duals_are_what_a_request_is_worth(random_instance, seed, shape):
     """The largest optimal y_i is the loss when request i is taken away: the marginal value of a best matching."""
@@ -51,6 +52,7 @@ def test_the_request_duals_are_what_a_request_is_worth(random_instance, seed, sh
             assert y[i] == pytest.approx(loss, abs=1e-10)  # sums of up to 12 values below 100: rounding only
 
 
+@pytest.mark.slow
 @given(seeds, shapes)
 def test_any_matching_gets_duals_that_bound_the_best_one(random_instance, seed, shape):
     rng = np.random.default_rng(seed)

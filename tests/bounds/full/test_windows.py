@@ -16,6 +16,7 @@ from optkit.bounds.full.windows import solve_by_windows
 SIZES = {"requests": 300, "workers": 150, "horizon": 300}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("core", "overlap"), [(1, 1), (1, 10), (3, 1), (10, 2), (40, 20), (149, 1), (999, 1)])
 @pytest.mark.parametrize("ties", [False, True])
 @pytest.mark.parametrize("lifetime", [2.0, 10.0, 100.0])
@@ -31,6 +32,7 @@ def test_windows_of_any_size_end_at_the_proven_optimum(random_instance, core, ov
     assert np.unique(solved.request).size == np.unique(solved.worker).size == solved.worker.size
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(0, 4), st.booleans())
 def test_windows_of_random_instances_end_at_the_proven_optimum(random_instance, seed, core, overlap, ties):
     graph = edges(random_instance(np.random.default_rng(seed), requests=25, workers=20, horizon=30, ties=ties))

@@ -131,6 +131,7 @@ def rates_of(seed):
     return rng.choice([0.05, 0.3, 0.9, 2.0], STEPS) * rng.uniform(0.7, 1.3, STEPS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_charges_cost_nobody_anything_and_the_bound_holds(seed):
     """Exact weights: with the rates of each step charges have mean zero, for any value function and any policy.
@@ -146,6 +147,7 @@ def test_charges_cost_nobody_anything_and_the_bound_holds(seed):
     assert least >= -1e-9
 
 
+@pytest.mark.slow
 def test_one_rate_for_all_steps_may_put_the_bound_below_the_optimum():
     """What rates by step guard against: as many workers in all, at the wrong time of day."""
     model = Model(1, [0.05] + [1.0] * (STEPS - 1))

@@ -32,6 +32,7 @@ def mean_dual(days, charges):
     return _MeanDual(days, charges)
 
 
+@pytest.mark.slow
 def test_the_mean_is_that_of_the_bounds_one_by_one(fitted):
     """All instances as one market, to the tolerance of the dual, 1e-6 of the gain."""
     theta = fitted.theta.ravel()
@@ -53,6 +54,7 @@ def test_the_gradient_is_that_of_finite_differences(fitted, seed):
         assert slope[k] == pytest.approx(difference / 0.1, abs=0.02 * np.abs(slope).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_the_mean_is_convex(fitted, seed):
     rng = np.random.default_rng(seed)
@@ -94,6 +96,7 @@ def test_fresh_instances_gain(fitted):
     assert trained < coefficients[0] + 2 * error
 
 
+@pytest.mark.slow
 def test_where_dozens_wait_luck_is_not_taken_for_gain():
     """When 20 requests wait little can be gained; a fit to the luck of these days would lose 100 money on others."""
     busy = scenario("I.1", seed=0, horizon=25, request_rate=3.0)

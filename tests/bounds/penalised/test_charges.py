@@ -89,6 +89,7 @@ def one_step_value(table, mu, value, step, open_, group, busy):
     return total + optimal_prices(worth, table.utility[group, open_], mu[group]).profit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sees_busy", [False, True])
 @pytest.mark.parametrize("groups", [[0, -1, 1, 1], [-1, 1, 1, 0], [1, 0, 1, -1], [-1, -1, -1, -1]])
 def test_charges_are_their_definition(sees_busy, groups):
@@ -120,6 +121,7 @@ def test_charges_are_their_definition(sees_busy, groups):
             assert found[subset] == pytest.approx(came - expected, abs=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [None, 1, 0])
 @pytest.mark.parametrize("sees_busy", [False, True])
 @pytest.mark.parametrize("history", [[0, 1, -1, -1], [-1, -1, -1, -1], [-1, 0, -1, -1]])
@@ -212,6 +214,7 @@ def test_no_policy_pays_anything_in_the_mean(world, arrivals):
         assert abs(sample.mean()) <= 4 * error
 
 
+@pytest.mark.slow
 def test_who_has_foresight_pays(world):
     """The test above could fail: who lets wait what the next step makes dearest pays more than who serves nobody."""
     source, value, _ = world

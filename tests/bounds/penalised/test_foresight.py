@@ -130,6 +130,7 @@ def test_what_might_have_arrived_is_what_arrives_elsewhere_at_that_step(nothing)
             assert p[[not one for one in seen]] == pytest.approx([nothing])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nothing", [None, 0.6])
 def test_draws_represent_the_pool(nothing):
     """Means over 500 draws of 3 within 4 standard errors of the pool's, whatever comes being weighed by its reward."""

@@ -96,6 +96,7 @@ def test_the_basis_is_the_charge_per_unit():
     assert twice.along(DAY, last) == pytest.approx(2 * charges.along(DAY, last), abs=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.25, None])
 def test_every_charge_is_zero_in_the_mean(rate):
     """All paths of four steps with one worker group or another, or none, and a request or none, by enumeration.

@@ -76,6 +76,7 @@ def test_who_foresees_nothing_pays_nothing():
         assert penalized(sure, ZeroSetValue(), foresight).value == pytest.approx(arrival_exact(sure).value, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_it_is_the_same_for_the_same_seed_only(value):
     bounds = [penalized(DAYS[0], value, FORESIGHT, seed=seed).value for seed in (1, 1, 2)]
     assert bounds[0] == bounds[1] != bounds[2]
@@ -91,6 +92,7 @@ def test_the_noise_is_not_looked_at(value):
     assert prove(bound, other).bound == prove(bound, day).bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0, 2, 12])
 @pytest.mark.parametrize("day", DAYS[:3])
 def test_every_bound_is_proven_and_reached(day, value, limit):
@@ -104,6 +106,7 @@ def test_every_bound_is_proven_and_reached(day, value, limit):
     assert (bound.certificate.multipliers[bound.certificate.tracked] == 0).all()
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(0, 9), st.integers(0, 6), st.floats(0.0, 50.0), st.integers(0, 9))
 def test_random_instances_are_proven(random_instance, seed, requests, workers, liking, limit):
@@ -162,6 +165,7 @@ def test_a_limit_is_a_whole_number(limit):
             penalized(DAYS[0], ZeroSetValue(), FORESIGHT, **{name: limit})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("charged", [0, 2])
 @pytest.mark.parametrize("day", DAYS[2:5])
 def test_fewer_requests_may_be_charged_for_than_are_told_apart(value, day, charged):
@@ -227,6 +231,7 @@ def two_kinds(horizon, lifetime, groups):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("horizon", "lifetime"), [(2, 1), (3, 1), (3, 2), (5, 4)])
 def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime):
     """All groups enumerated. Were requests chosen for tracking with foresight, several of these would lie below."""

@@ -67,6 +67,7 @@ def test_the_dual_is_its_formula_and_optimal(random_instance, seed):
         assert market.verdict(other).bound - paid >= bound.value - 1e-6
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(0, 9), st.integers(0, 6), st.sampled_from([0.0, 1.0, 30.0]))
 def test_the_lattice_under_the_same_charges_lies_below(random_instance, seed, requests, workers, scale):

@@ -46,6 +46,7 @@ def copy(made, tmp_path):
     return shutil.copytree(made, tmp_path / "sets")
 
 
+@pytest.mark.slow
 def test_a_set_is_the_split_of_its_scenario(made):
     """The parts hold what the scenario draws, and say where it comes from."""
     split = scenario("I.2", seed=0).split()
@@ -56,6 +57,7 @@ def test_a_set_is_the_split_of_its_scenario(made):
     assert list(check_benchmark_sets(made)["sets"]) == ["I.2-0"]
 
 
+@pytest.mark.slow
 def test_digests_are_frozen():
     """Two sets, with one worker group and with three, have the numbers and digests that are frozen, and so the code."""
     assert len(frozen()["sets"]) == 20
@@ -124,6 +126,7 @@ def test_the_digest_takes_what_is_not_realised_and_refuses_what_is_too_large():
         benchmark_digest([replace(day, reward=np.full(day.n_requests, 1e13))])
 
 
+@pytest.mark.slow
 def test_what_is_drawn_otherwise_is_refused(tmp_path, monkeypatch):
     """Another stream of random numbers is found out before anything of the set is written."""
     honest = benchmark_sets.scenario
@@ -133,6 +136,7 @@ def test_what_is_drawn_otherwise_is_refused(tmp_path, monkeypatch):
     assert not (tmp_path / "sets").exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on(copy, made, monkeypatch):
     """What is right is kept, untouched and not drawn again; what is missing is written; the end is the same."""
     shutil.rmtree(copy / "I.2-0" / "test")
@@ -155,6 +159,7 @@ def test_an_interrupted_run_goes_on(copy, made, monkeypatch):
     check_benchmark_sets(copy)
 
 
+@pytest.mark.slow
 def test_a_set_that_is_added_leaves_the_others_listed(copy):
     """Writing one more set keeps what the folder says of those that are there."""
     shutil.copytree(copy / "I.2-0", copy / "moved")  # not a set's name: of no interest
@@ -179,6 +184,7 @@ def others_in_place(folder):
     save_instances(folder / "I.2-0" / "validation", days, overwrite=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -210,6 +216,7 @@ def test_tampering_is_detected(copy, spoil, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_wrong_part_is_replaced_only_when_asked(copy, made):
     """A part that is not right is an error, or replaced with overwrite; what is no instance set always stays."""
     others_in_place(copy)
@@ -249,6 +256,7 @@ def test_unknown_sets_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_datasheet_is_read_without_optkit(made):
     """The code blocks of the datasheet run in plain pandas and print what it shows; the reader has ten lines."""
     text = (made / "README.md").read_text()
@@ -286,6 +294,7 @@ def test_the_numbers_of_the_datasheet_are_the_frozen_ones():
     assert f"{total:,} instances of the pricing problem" in datasheet()
 
 
+@pytest.mark.slow
 def test_what_the_datasheet_says_of_scenarios_of_a_world():
     """I.1 and II share requests and workers' steps; their noise differs."""
     one, two = (scenario(name, 0).split().validation for name in ("I.1", "II"))
@@ -314,6 +323,7 @@ def test_the_command_line_writes_and_checks(tmp_path):
     assert json.loads(optkit(*asked, "--overwrite", "--json", check=0).stdout)["written"] == ["I.2-4/validation"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -83,6 +83,7 @@ def test_mondays_keep_one_hour_and_the_papers_fraction() -> None:
     assert [(e.label, e.arrival.tolist()) for e in mondays.episodes] == halves
 
 
+@pytest.mark.slow
 def test_a_year_gives_the_papers_number_of_instances_of_about_fifty_requests(year: Trips) -> None:
     for mode in ("folded", "mondays"):
         assert len(trip_scenario("nyc-weak", 0, year, mode=mode).episodes) == 106
@@ -137,6 +138,7 @@ def test_one_instance_realises_the_episode_asked_for_or_a_random_one(year: Trips
         folded.instance(0, episode=106)
 
 
+@pytest.mark.slow
 def test_the_split_keeps_episodes_apart(year: Trips) -> None:
     parts = trip_scenario("nyc-weak", 0, year).split()
     assert [len(part) for part in parts] == [76, 20, 10]
@@ -146,6 +148,7 @@ def test_the_split_keeps_episodes_apart(year: Trips) -> None:
     assert episodes != [which(i) for part in trip_scenario("nyc-weak", 1, year).split() for i in part]
 
 
+@pytest.mark.slow
 def test_further_instances_realise_the_episodes_of_their_part_anew(year: Trips) -> None:
     """One after the other and again from the start; each realisation has requests of its own."""
     source = trip_scenario("nyc-weak", 0, year)

@@ -100,6 +100,7 @@ def _floating(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.astype({"PULocationID": float, "DOLocationID": float})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["b.csv", "b.parquet"])
 @pytest.mark.parametrize("change", [_green, _shouted, _american, _zoned, _floating])
 def test_dialects_of_the_records_give_the_same_trips(tmp_path: Path, change, name: str) -> None:
@@ -279,6 +280,7 @@ def _later(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.assign(**{c: frame[c] + pd.Timedelta("7D") for c in frame.columns[:2]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TWINS, ids=str)
 @pytest.mark.parametrize("count", [3, 20_000])
 def test_trips_that_two_files_hold_are_not_counted_twice(tmp_path: Path, case: str, count: int) -> None:

@@ -125,6 +125,7 @@ def fails(folder, *words):
 # ---- round trip
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -424,6 +425,7 @@ def test_interrupted_save_of_a_namesake_is_not_offered(tmp_path):
     fails(tmp_path / "set.b", "move it back")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("renames", [0, 1, 2])
 def test_killed_save_leaves_a_whole_set(folder, instances, renames):
     """A process that dies before, between or after the renames leaves the old set or the new one, whole."""
@@ -466,6 +468,7 @@ def test_truncated_file(folder, name):
     fails(folder, name, "truncated")
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(name=st.sampled_from(FILES), place=st.floats(0, 1, exclude_max=True), flip=st.integers(1, 255))
 def test_changed_byte_never_changes_an_instance(name, place, flip):
@@ -527,6 +530,7 @@ def test_windows_line_ends_are_no_damage(folder, instances):
     assert load_instances(folder) == instances
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
@@ -566,6 +570,7 @@ def test_wrong_description(folder, path, value, words):
     fails(folder, *words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("table", "change", "words"),
     [

@@ -108,6 +108,7 @@ def test_the_gradient_vanishes_at_the_estimate():
     assert results.mle_retvals["decrement"] < 1e-9
 
 
+@pytest.mark.slow
 def test_statsmodels_fits_the_same(travel):
     ours = ConditionalLogit(travel["choice"], travel[MODES], travel["individual"]).fit()
     reference = Reference(travel["choice"], travel[MODES], groups=travel["individual"])
@@ -143,6 +144,7 @@ def test_one_offer_and_the_outside_option_is_a_logistic_regression():
     assert ours.bse == pytest.approx(logit.bse, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outside", [False, True])
 @pytest.mark.parametrize("cov_type", ["nonrobust", "robust"])
 def test_intervals_cover_the_truth_as_often_as_they_say(outside, cov_type):
@@ -221,6 +223,7 @@ def test_a_known_part_of_the_index_is_an_offset():
     assert part.predict() == pytest.approx(full.predict(), rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("penalty", [2.0, [0.0, 5.0, 0.5], {"x2": 100.0}])
 def test_a_penalty_maximises_the_penalised_likelihood_by_hand(penalty):
     choice, x, groups = simulate(60, outside=True)

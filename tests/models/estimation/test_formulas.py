@@ -34,6 +34,7 @@ def dummies(data, *columns):
     return pd.get_dummies(data[["price", *columns]], columns=list(columns), drop_first=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zero", ["0 + ", ""])
 @pytest.mark.parametrize("columns", [("brand",), ("zone",), ("brand", "zone", "sale"), ()])
 def test_one_level_is_the_base_without_an_outside_option(data, zero, columns):
@@ -117,6 +118,7 @@ def test_flags_that_can_be_missing_are_flags(data):
         ConditionalLogit(gap.choice, gap[["price"]], gap.s, available=gap.sale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [["Intercept"], ["price"], ["C(brand)[T.b]"], ["C(brand)[b]"], "C(brand)[a]"])
 @pytest.mark.parametrize("used", [False, True])
 def test_copies_predict_as_the_original_does(data, columns, used):

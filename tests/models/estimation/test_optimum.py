@@ -14,6 +14,7 @@ from optkit.models.preferences.offers import Offers
 from tests.models.estimation.fifty_digits import outcome
 
 
+@pytest.mark.slow
 def test_hard_choices_are_estimated_or_refused():
     """Scales from 1e-6 to 1e6, offsets to 1e5, any start and tolerance: refused, or the reference's estimate."""
     found = Counter(outcome(seed, most_sets=30) for seed in range(60))

@@ -26,6 +26,7 @@ def separated_by_hand(rivals):
     return -solved.fun > 1e-7
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=80)
 @given(st.integers(1, 40), st.integers(1, 4), st.integers(0, 2**32 - 1))
 def test_it_agrees_with_the_whole_linear_program(n, k, seed):

@@ -222,6 +222,7 @@ def test_warnings_point_at_the_line_that_fits(offers):
     assert caught[0].filename == __file__
 
 
+@pytest.mark.slow
 def test_only_the_estimator_loads_statsmodels():
     code = "import sys, optkit, optkit.models.pricing; sys.exit('statsmodels' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

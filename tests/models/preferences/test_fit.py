@@ -66,6 +66,7 @@ def test_is_the_maximum_of_the_likelihood_by_hand():
         assert log_likelihood(offers, w + step[:-1], mu + step[-1]) < best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robust", [False, True])
 def test_standard_errors_cover(robust):
     """Over 200 draws of fresh workers, (estimate - truth) / standard error has mean near 0 and deviation near 1.

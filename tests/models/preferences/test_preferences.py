@@ -120,6 +120,7 @@ def test_a_negative_group_is_unknown():
         believed().model_of(np.array([-1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["I.1", "II"])
 def test_true_weights_price_as_the_truth_does(name):
     """On every state of a run, padding included, preferences built from the true weights give the true prices.

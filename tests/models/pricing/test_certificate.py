@@ -89,6 +89,7 @@ def test_clipped_prices_are_feasible_and_not_optimal():
     assert proof.gap == pytest.approx(0.501932 + 3.821914, abs=2e-6)
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms, st.floats(0, 30))
 def test_no_feasible_prices_earn_more_than_the_bound_which_does_not_depend_on_them(seed, n, nonnegative, spread):
@@ -188,6 +189,7 @@ def test_with_nothing_on_offer_nothing_is_optimal():
         assert proof.bound == pytest.approx(0, abs=1e-12)  # the rounding that a bound allows for
 
 
+@pytest.mark.slow
 @settings(bounded, max_examples=100)
 @given(seeds, st.sampled_from([1, 3, 30, 1000]), st.floats(-3, 3), st.floats(-3, 6), st.floats(-3, 6), forms)
 def test_the_bound_is_above_the_profit_of_any_prices_at_any_scale(seed, n, log_mu, log_value, log_utility, nonnegative):
@@ -259,6 +261,7 @@ def test_a_request_that_cannot_matter_does_not_soften_the_verdict():
     assert not certify([2e-6, 0.0], [2e-6, 0.0], [0.0, -1e8], 1e-6).optimal
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms, st.sampled_from([1e-12, 1e12]), st.floats(-5, 0))
 def test_verdicts_do_not_depend_on_the_unit_of_money(seed, n, nonnegative, unit, log_change):

@@ -112,6 +112,7 @@ def test_profit_and_probabilities_are_exact_to_the_rounding_of_the_input_at_any_
     check_against_exact(v, u, mu, rng.choice([0.0, wide * rng.uniform(-1, 1)]), nonnegative)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nonnegative", [True, False])
 @pytest.mark.parametrize("mu", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("scale", [1.0, 1e3, 1e6])
@@ -168,6 +169,7 @@ def test_every_number_of_held_requests_occurs_and_is_the_best(n):
         assert mu * found.ratio[row, 0] == pytest.approx(best_of_all_holdings(base + shifts[row], u, mu), abs=1e-8)
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(1, 6))
 def test_no_other_set_of_held_requests_earns_more(seed, n):

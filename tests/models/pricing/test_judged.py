@@ -17,12 +17,14 @@ def everything():
     return sum(map(attempt, range(SEEDS)), Counter())
 
 
+@pytest.mark.slow
 def test_what_is_called_optimal_is_and_bounds_are_never_exceeded_at_any_scale():
     told = everything()
     assert {what.split(",")[0] for what in told if "refused" not in what} == set(KINDS)
     assert {what.split(": ")[1] for what in told} >= {"optimal", "not optimal", "undecided"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [

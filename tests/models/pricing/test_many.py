@@ -11,6 +11,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 def test_profits_bounds_gaps_and_verdicts_are_right():
     """Ten batches of 500; ``python -m tests.models.pricing.many SECONDS`` judges millions."""
     for seed in range(10):

@@ -43,6 +43,7 @@ def same(found: Pricing, expected: Pricing, tolerance: float, mu: float = 1.0):
 # Optimality ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(bounded, max_examples=30)
 @given(seeds, st.integers(1, 5), forms)
 def test_a_general_optimiser_started_anywhere_finds_no_more(seed, n, nonnegative):
@@ -302,6 +303,7 @@ def test_the_caller_keeps_the_arrays():
 # The whole range ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(bounded, max_examples=150)
 @given(
     seeds,

@@ -110,6 +110,7 @@ def visited(experience, step):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("discount", [1.0, 0.6, 0.0])
 @pytest.mark.parametrize("groups", [1, 3])
 @pytest.mark.parametrize("value", [Pooled(), Busy()], ids=["blind", "seeing"])
@@ -173,6 +174,7 @@ class Watched(LinearValue):
         return super().opportunity_cost_without(sets, row, column)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("discount", [1.0, 0.6])
 @pytest.mark.parametrize("groups", [1, 3])
 @pytest.mark.parametrize("kind", [LinearValue, Halved, Watched])

@@ -47,6 +47,7 @@ def sets(random_sets, groups):
     return [random_sets(seed, 7, 8, groups, ties=bool(seed % 2)) for seed in range(4)]
 
 
+@pytest.mark.slow
 def test_opportunity_costs_are_removal_differences(value, sets):
     """All removals at once are the differences of values of sets evaluated one by one (rounding: 1e-8 money)."""
     for one in sets:
@@ -88,6 +89,7 @@ def test_empty_sets_are_worth_nothing(value, sets):
     assert not value.opportunity_cost(nobody).any()
 
 
+@pytest.mark.slow
 def test_copies_and_files_price_as_it_did(value, sets):
     """Through pickle, copy and JSON, settings, values and costs are the same to the last digit."""
     again = [pickle.loads(pickle.dumps(value)), copy.deepcopy(value)]

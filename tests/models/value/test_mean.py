@@ -29,6 +29,7 @@ def trained(days):
     return train(days, "mean", choice="true")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_values_and_costs_are_the_members_means(trained, random_sets, seed):
     """The costs are also the differences of the values, found by leaving out each member (1e-9: sums below 1000)."""
@@ -43,6 +44,7 @@ def test_values_and_costs_are_the_members_means(trained, random_sets, seed):
     np.testing.assert_allclose(mean.opportunity_cost(sets), removal_differences(mean.value, sets), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_members_are_fitted_as_they_would_be_alone(days):
     """To the experience of one policy each member is fitted with targets of its own; the caller's stay as they were."""
     members = [LinearValue(), KernelValue()]
@@ -56,6 +58,7 @@ def test_members_are_fitted_as_they_would_be_alone(days):
     assert min(residuals) > 0
 
 
+@pytest.mark.slow
 def test_one_member_is_that_member(days):
     """The mean of one value function prices as it does; of exploration it brings its own, which a setting overrides."""
     alone = train(days, LinearValue(), choice="true", deviations=MeanValue.deviations)
@@ -97,6 +100,7 @@ def test_the_file_prices_as_the_policy_did(trained, days, tmp_path):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_misuse_is_told(days, tmp_path, random_sets):
     """No members, not fitted, and members that cannot be written are errors of ours."""
     for members, words in (

@@ -31,6 +31,7 @@ LIGHT = ["surplus", "group", "urgency", "busy"]
 KINDS = st.sampled_from([*LIGHT, "kernel"])
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]), st.booleans())
 def test_opportunity_costs_are_differences_of_values(random_sets, kind, seed, b, w, groups, ties):
@@ -41,6 +42,7 @@ def test_opportunity_costs_are_differences_of_values(random_sets, kind, seed, b,
     np.testing.assert_allclose(one.opportunity_cost(sets, theta), expected, atol=1e-10)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]), st.booleans())
 def test_opportunity_costs_without_each_request(random_sets, kind, seed, b, w, groups, ties):

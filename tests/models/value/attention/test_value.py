@@ -165,6 +165,7 @@ def test_network_by_hand(fitted):
     np.testing.assert_allclose(value.value(sets), expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_same_seed_same_network(fitted):
     """The seed settles the result to the last digit; another seed gives another one; PyTorch's state is untouched."""
     state = torch.random.get_rng_state()
@@ -200,6 +201,7 @@ class OwnTargets(Experience):
         return worth / (1.0 + 0.1 * sets.member.sum(axis=1))
 
 
+@pytest.mark.slow
 @needs_torch
 @pytest.mark.parametrize("target", ["difference", "level"])
 def test_fit_learns_a_function_that_can_be_learned(target):
@@ -253,6 +255,7 @@ def test_every_update_takes_the_instances_asked_for():
     assert value._training.updates == 6
 
 
+@pytest.mark.slow
 @needs_torch
 @pytest.mark.parametrize(("decay_steps", "expected"), [(100, 1e-3 * 0.1**0.08), (None, 1e-3 * 0.1**0.75)])
 def test_learning_rate_decays(decay_steps, expected):
@@ -335,6 +338,7 @@ def test_settings_out_of_range_are_refused(wrong):
         AttentionSettings(**wrong)
 
 
+@pytest.mark.slow
 @needs_torch
 def test_divergence_is_an_error_and_changes_nothing():
     """A learning rate that blows up raises; the value function stays what it was before."""
