@@ -172,6 +172,7 @@ def test_imports_point_down():
         assert all(rank[name] < rank[here] for name in there), (here, {n for n in there if rank[n] >= rank[here]})
 
 
+@pytest.mark.slow
 def test_there_are_few_units_and_no_circle():
     """At most 16 units in at most 9 layers; only the face and the door of ``python -m optkit`` lie loose."""
     graph = arrows()
@@ -182,6 +183,7 @@ def test_there_are_few_units_and_no_circle():
     assert module_circles() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "others"), [("models", ()), ("bounds", ("optkit.models",))])
 def test_mathematics_knows_errors_arrays_seeds_and_the_instance_only(part, others):
     """``models`` knows nothing else of the kit, ``bounds`` the models besides."""

@@ -150,6 +150,7 @@ def test_a_copy_behaves_as_the_original(name):
         np.testing.assert_array_equal(use(one), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*LEAVE_BEHIND, *WORLD])
 def test_what_was_worked_out_on_demand_stays_behind(name):
     """A pickle is as long after use as before: a policy does not carry the instances that it priced last."""

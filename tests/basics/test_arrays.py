@@ -129,6 +129,7 @@ def test_shapes():
 WHOLE = st.one_of(st.integers(-(2**53), 2**53), st.integers(-(2**31), 2**31 - 1).map(np.int32), st.just(np.array(3)))
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=60)
 @given(WHOLE)
 def test_a_whole_number_of_any_make_is_itself(value):

@@ -154,6 +154,7 @@ def test_with_the_exact_value_function_every_path_is_worth_the_exact_value(seed)
         assert abs(bound.certificate.check(day).gap) <= 1e-8
 
 
+@pytest.mark.slow
 def test_the_models_differ():
     """Between them they have what may go wrong: groups, several requests at once, days of all lengths."""
     models = [solved(seed).model for seed in range(36)]

@@ -121,6 +121,7 @@ five = 5
 """
 
 
+@pytest.mark.slow
 def test_policies_of_ones_own(certify, own, tmp_path):
     """A folder and a policy that optkit has never seen, in two processes; the numbers are those of gap_report."""
     (tmp_path / "own.py").write_text(OWN)
@@ -259,6 +260,7 @@ def test_a_folder_without_noise_gets_some_and_says_so(certify, tmp_path):
     assert again["gaps"] == strict(out)["gaps"]
 
 
+@pytest.mark.slow
 def test_text_and_more_instances(certify):
     """The text holds the claim and the assumptions; a scenario draws more instances than its split has."""
     status, out, _ = certify("I.2", *SMALL, "--kinds", "arrival", "--policy", "myopic", "--instances", 6)
@@ -319,6 +321,7 @@ def test_bad_input_is_one_line(certify, arguments, message):
     assert out == ""
 
 
+@pytest.mark.slow
 def test_what_a_folder_cannot_give_is_said(certify, own, sets):
     """A penalised bound without a process, and more instances than there are."""
     assert "--worker-rate" in certify(own, "--kinds", "penalised")[2]

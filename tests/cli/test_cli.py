@@ -107,6 +107,7 @@ def test_generate_and_bound_agree_with_the_library(tmp_path):
     assert pd.read_csv(tmp_path / "bounds.csv")["bound"].tolist() == pytest.approx(values, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_generate_takes_settings(tmp_path):
     """--set changes the scenario, and the written description says so."""
     optkit("generate", "I.1", "--set", "horizon=80", "--count", 2, "--out", tmp_path / "set", check=0)
@@ -323,6 +324,7 @@ def test_bad_input_gets_one_line_and_exit_status_2(arguments, says, tmp_path):
     assert done.stdout == ""
 
 
+@pytest.mark.slow
 def test_runs_do_not_replace_what_is_not_theirs(small, finished, tmp_path):
     """A second run refuses a results folder of other instances, and one that holds somebody's notes."""
     out = shutil.copytree(finished[0], tmp_path / "results")
@@ -347,6 +349,7 @@ def test_run_needs_no_interval_for_one_instance(tmp_path):
     assert "nan" not in optkit("run", tmp_path / "two", "--out", tmp_path / "r", "--verify", 0, check=0).stdout
 
 
+@pytest.mark.slow
 def test_generate_writes_all_parts_or_none(tmp_path):
     """If one part's place is taken by something else, no part is written; a flat set and a split do not mix."""
     (tmp_path / "sets" / "test").mkdir(parents=True)

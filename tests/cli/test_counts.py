@@ -126,6 +126,7 @@ def test_an_absurd_setting_is_refused(name, number, place, tmp_path):
         assert name in ("types", "pickups", "dropoffs", "mean_lifetime", "characteristics")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{}, {"groups": 40}, {"horizon": 3000}, {"characteristics": 200}, {"pickups": 900}])
 def test_the_estimate_is_no_less_than_half_of_what_is_taken(change, monkeypatch):
     """And no more than four times as much: what fits is not refused."""

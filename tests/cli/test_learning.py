@@ -68,6 +68,7 @@ def test_collect_takes_a_folder_of_instances(optkit, tmp_path):
     np.testing.assert_array_equal(Offers.load(tmp_path / "o.parquet").compensation, want.compensation)
 
 
+@pytest.mark.slow
 def test_json_is_the_librarys_fit(optkit, log, file):
     """--json prints parameters, models and identification, and nothing else; numbers are those of fit_preferences."""
     code, out, err = optkit("fit", file, "--json")
@@ -136,6 +137,7 @@ def test_a_users_csv(optkit, tmp_path):
     assert abs(rows[-1]["estimate"] - 2) < 4 * rows[-1]["standard_error"]
 
 
+@pytest.mark.slow
 def test_no_rejection_is_an_error_and_with_a_ridge_a_warning(optkit, tmp_path):
     """Without rejections: one line and status 2; with --ridge numbers, a verdict and a warning, in text and JSON."""
     users_table(generous=60.0).to_csv(tmp_path / "own.csv", index=False)
@@ -192,6 +194,7 @@ def test_a_negative_offer_seed_is_one_line(optkit, tmp_path):
     assert code == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["fit", "collect"])
 def test_help(optkit, verb):
     """Both verbs explain themselves."""

@@ -170,6 +170,7 @@ def test_a_folder_of_other_things_stays(name, place, tmp_path):
         assert contents(tmp_path).items() >= before.items()
 
 
+@pytest.mark.slow
 def test_what_is_read_is_not_written_over(place, tmp_path):
     """By its name, by a link, by another name of the same file, and as the JSON that goes beside."""
     rows = optkit("fit", place / "log.parquet", "--out", tmp_path / "fit.txt", check=0)
@@ -184,6 +185,7 @@ def test_what_is_read_is_not_written_over(place, tmp_path):
     assert contents(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_summary_that_was_edited_stays(place, tmp_path):
     """What somebody added to a file of ours is theirs."""
     words = ["fit", place / "log.parquet", "--out", tmp_path / "fit.txt"]

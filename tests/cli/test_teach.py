@@ -149,6 +149,7 @@ FOREIGN = [
 FOREIGN += ["evil@", "[::1", "127.0.0.1:2718@evil.example", "evil.example#127.0.0.1", "0.0.0.0:2718"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "refusal"), [("http", 403), ("websocket", 1008)])
 def test_only_its_own_pages_are_answered(kind, refusal):
     """A request names this machine, and comes from no page or from one of the same address: all else is refused."""
@@ -178,6 +179,7 @@ def leads_to(address):
         return page.url
 
 
+@pytest.mark.slow
 @needs_extra
 def test_who_may_look_and_until_when(free_port):
     """Nobody without the token, and no other site's page; the parent killed, the server ends too."""

@@ -218,6 +218,7 @@ def test_the_command_line_prints_in_one_place():
                 assert not called.startswith(("sys.stdout.write", "sys.stderr.write")), (file.name, node.lineno)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quiet", [[], ["--quiet"], ["-q"]])
 def test_logs_of_libraries_are_silent_with_quiet_and_never_on_standard_output(
     quiet, optkit, tmp_path, monkeypatch, caplog

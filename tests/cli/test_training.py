@@ -156,6 +156,7 @@ def test_another_horizon_is_told(optkit, file):
     assert told["note"].startswith("trained on instances of 15 steps")
 
 
+@pytest.mark.slow
 def test_evaluate_takes_all_of_a_folder(optkit, file, tmp_path):
     """A set of fresh instances is evaluated in full with --part all, even if it is a single one."""
     save_instances(tmp_path / "fresh", scenario("I.1", seed=0, horizon=15).sample(1, seed=9))
@@ -273,6 +274,7 @@ def test_divergence_is_told_and_nothing_is_written(optkit, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_later_round_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     """The policy is then that of the rounds before."""
     diverge_from(monkeypatch, 2)
@@ -282,6 +284,7 @@ def test_a_later_round_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     assert "chosen: seed 0, round 1" in out
 
 
+@pytest.mark.slow
 def test_a_seed_that_diverges_is_told(optkit, tmp_path, monkeypatch):
     """With two seeds of two rounds, a failure in the third round leaves the first seed."""
     diverge_from(monkeypatch, 3)
@@ -370,6 +373,7 @@ def test_the_file_prices_as_the_policy_did(split, expected, file):
     assert np.array_equal(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["train", "evaluate"])
 def test_help(optkit, verb):
     """Both verbs explain themselves."""

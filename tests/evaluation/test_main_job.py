@@ -74,6 +74,7 @@ def test_an_instance_without_a_bound_is_left_out_and_named(without_second):
     assert without_second.comparison.table["instances"].tolist() == [3] * 8
 
 
+@pytest.mark.slow
 def test_rows_keep_the_numbers_of_their_instances(split, without_second):
     """Without instance 1, the rows are those of instances 0, 2 and 3."""
     rows = without_second.comparison.per_instance
@@ -144,6 +145,7 @@ def test_trained_policies_are_what_they_are_called(groups):
     assert len({tuple(rewards[name]) for name in ways}) == 3
 
 
+@pytest.mark.slow
 def test_every_optimal_price_is_verified(split, run):
     """Decisions of the myopic, the learned and the trained policies are all certified; FP and PP claim nothing."""
     result, _ = run

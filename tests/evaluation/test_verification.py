@@ -43,6 +43,7 @@ def test_wrong_prices_are_noticed(days):
     assert found.certified < 0.1 * found.decisions
 
 
+@pytest.mark.slow
 def test_sample_is_fixed_by_its_seed(days):
     """The same seed solves the same decisions."""
     one, two = (verify_pricing(days, sample=4, seed=3) for _ in range(2))

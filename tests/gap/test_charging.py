@@ -25,6 +25,7 @@ def weeks():
     return trip_scenario("nyc-weak", 0, trips, horizon=20, split=(4, 2, 1))
 
 
+@pytest.mark.slow
 def test_everything_is_drawn_apart():
     """No instance of the pool is one of the split, of a sample, or of those held out beyond the split."""
     made = scenario_charging(SMALL, training=40, pool=20, estimator=LinearValue())

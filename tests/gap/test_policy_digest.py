@@ -116,6 +116,7 @@ def test_what_differs_has_another_digest(make):
     assert digest(make(0.5)) != digest(make(0.500001))
 
 
+@pytest.mark.slow
 def test_what_a_function_names_counts(monkeypatch):
     """A value in its module, a function that it calls, and code with other names."""
     before = digest(by_global)

@@ -61,6 +61,7 @@ def test_bounds_and_policies_are_in_order(report):
     assert (report.gaps["points"] > 0).all()
 
 
+@pytest.mark.slow
 def test_no_path_is_below_zero(report):
     """With all requests told apart, no policy earns more than a bound of arrivals, on any path, up to rounding."""
     assert (report.policies["exact"] == len(report.rows)).all()
@@ -154,6 +155,7 @@ def test_a_checkpoint_belongs_to_one_report(days, tmp_path, policies, change):
     assert len(list(tmp_path.glob("*.jsonl"))) == 2
 
 
+@pytest.mark.slow
 def test_an_edited_policy_that_earns_the_same_is_not_taken_for_the_old_one(tmp_path):
     """On the noise as drawn both shares are refused by the workers; in the mean over the noise they differ."""
     shape = {"features": [[]], "pickup": [0], "dropoff": [0], "worker_step": [0], "worker_group": [0]}
@@ -244,6 +246,7 @@ def test_charges_that_are_paid_without_foresight_refuse_the_bound(days, charges)
     assert found.best_bound == "arrival"
 
 
+@pytest.mark.slow
 def test_requests_that_arrive_otherwise_make_no_penalised_bound(days, charges):
     """Days that only say that they are of a scenario: rewards doubled since, the pool's requests are not theirs."""
     changed = [replace(day, reward=2.0 * day.reward) for day in days]

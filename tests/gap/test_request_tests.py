@@ -49,6 +49,7 @@ def test_days_that_were_changed_are_contradicted(pool, change, told):
     assert told in found.told
 
 
+@pytest.mark.slow
 def test_numbers_and_their_spread_are_compared(pool):
     """More requests a day; or as many, but good days and bad days."""
     more = request_test(scenario("I.2", request_rate=0.6, **HERE).sample(20, seed=2), pool)
@@ -58,6 +59,7 @@ def test_numbers_and_their_spread_are_compared(pool):
     assert found.contradicted
 
 
+@pytest.mark.slow
 def test_a_pool_that_is_all_that_can_be(pool):
     """Days of it are not contradicted, whatever their weights; a day that it does not hold is, outright."""
     few = pool.arrivals[:3]

@@ -39,6 +39,7 @@ def test_the_true_process_is_seldom_contradicted():
     assert np.quantile(p, 0.2) < 0.4
 
 
+@pytest.mark.slow
 def test_rates_by_step_are_tested_as_they_are():
     """A rush that is foretold is no contradiction, and a steady stream is one then."""
     rates = np.where(np.arange(50) < 25, 0.1, 0.9)
@@ -47,6 +48,7 @@ def test_rates_by_step_are_tested_as_they_are():
     assert worker_test(processes.days(processes.constant, 30, seed=2), foretold).contradicted
 
 
+@pytest.mark.slow
 def test_groups_are_tested_by_time_of_day():
     """Shares that are right in all may be wrong morning and evening; right ones are not contradicted."""
     even = Foresight(fifo_presence(0.5), [0.5, 0.5])

@@ -168,6 +168,7 @@ RULES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES)
 def test_broken_rule(rule):
     """A broken rule is one InstanceError, one line long, that names the field, the place and the remedy."""
@@ -315,6 +316,7 @@ def test_pairs_against_brute_force(instance):
     assert list(zip(worker.tolist(), request.tolist(), strict=True)) == expected
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(layouts(), st.integers(0, 2**32))
 def test_pair_noise_is_the_same_dense_and_sparse(instance, seed):

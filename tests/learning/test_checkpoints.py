@@ -49,6 +49,7 @@ def checkpoint(folder, days, **changes):
     return Checkpoint(folder, **{**given, **changes})
 
 
+@pytest.mark.slow
 def test_what_was_kept_is_found(tmp_path, days, outcome):
     """Nothing is there at first; then the same training, described anew, finds each seed's own outcome."""
     one = checkpoint(tmp_path / "new" / "folder", days)
@@ -131,6 +132,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["instances", "validation"])
 @pytest.mark.parametrize("name", [field.name for field in fields(Instance)])
 def test_other_instances_are_another_training(tmp_path, days, name, part):

@@ -36,6 +36,7 @@ def test_log_equals_a_replay(days):
     assert len(log) == sum(state.offered.sum() for state, _, _ in seen)
 
 
+@pytest.mark.slow
 def test_every_row_is_the_request_and_the_worker_of_its_state(days):
     """Row by row: the group is the worker's, features and places the request's, and the taken column is marked."""
     log = collect(days, RandomOffers(seed=3))

@@ -155,6 +155,7 @@ def test_offers_that_nobody_rejects_are_overcome():
     assert last["rejections"] > 0
 
 
+@pytest.mark.slow
 def test_a_round_that_is_not_identified_never_ends_the_search(days):
     """However loose the tolerance, a level that rests on the penalty is not converged."""
     found = learn_preferences(days, rounds=3, tolerance=1e6, first=RandomOffers(2.0, 3.0))
@@ -175,6 +176,7 @@ def test_standard_errors_foresee_the_errors(learned):
     assert late["rmse"].iloc[-1] < 0.25
 
 
+@pytest.mark.slow
 def test_learned_prices_earn_what_true_ones_do(learned):
     """On 60 test instances of I.1, paired: myopic pricing by learned preferences is within 0.3 points of the truth."""
     test = scenario("I.1", seed=0).sample(60, seed=77)

@@ -60,6 +60,7 @@ def test_prices_are_the_same_after_the_round_trip(tmp_path, days, trained, label
     assert again.save(tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_file_is_plain_json(tmp_path, trained):
     """Anybody can read it: format, version, terms, coefficients and preferences, and nothing that is not finite."""
     one = trained["linear learned"]

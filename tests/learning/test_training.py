@@ -208,6 +208,7 @@ def test_same_seed_same_coefficients(split, two_rounds):
     assert not one.value.coef_[-1].any()
 
 
+@pytest.mark.slow
 def test_the_record(split):
     """One row a round: seed, round, exploration, validation score, residual and time; scores are mean rewards."""
     trained = train(split, choice="true", deviations=(8.0, 4.0, 2.0))
@@ -423,6 +424,7 @@ def test_costs_that_are_no_numbers_are_a_divergence(split, cost):
     assert "no numbers" in trained.record[1]["error"]
 
 
+@pytest.mark.slow
 def test_a_policy_worse_than_myopic_is_refused(split):
     """If validation says that not waiting at all earns more, that is an error with the interval, not a policy."""
     with pytest.raises(TrainingError, match=r"led nowhere.*less than the myopic policy \(95 % interval"):

@@ -123,6 +123,7 @@ def test_a_queue_foretells_workers():
     assert by_stretch[8] > by_stretch[0] + 0.25
 
 
+@pytest.mark.slow
 def test_scenarios_have_queues():
     """On 400 days of I.1 a worker follows an idle step with 0.39, many busy ones with 0.7 and more (noise 0.03)."""
     seen = Batch.of(scenario("I.1", seed=0).sample(400, seed=1)).worker_at >= 0

@@ -57,6 +57,7 @@ def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     assert np.isfinite(always.covariance).all()
 
 
+@pytest.mark.slow
 def test_groups_are_counted(half_days):
     """Shares are those seen, and no group is thought impossible."""
     found = learn_worker_rates(

@@ -265,6 +265,7 @@ def test_losses_that_workers_love_are_priced_like_anything_else(n):
         check_agreement(program(n, True).solve(v, u, mu), v, u, mu, 0.0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "nonnegative"), [(12, True), (95, True), (28, False)])
 def test_two_hundred_gig_requests_that_the_default_step_length_fails_on(seed, nonnegative):
     rng = np.random.default_rng(seed)

@@ -20,6 +20,7 @@ def test_nothing_tells_when(kind, date):
     assert date not in first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["png", "pdf"])
 def test_pictures_are_known_again(kind, tmp_path):
     """Those of optkit are, those that matplotlib drew for somebody else, cut ones and annotated ones are not."""

@@ -79,6 +79,7 @@ def test_offers_are_feasible_and_repeatable(policies, visited, name):
         np.testing.assert_array_equal(prices(policies[name], state), paid)
 
 
+@pytest.mark.slow
 @every_policy
 def test_what_may_not_be_seen_does_not_matter(policies, visited, name):
     """Not the workers' noise, nor requests and workers of later steps; nor, unless it knows them, true preferences."""

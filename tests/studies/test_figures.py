@@ -72,6 +72,7 @@ def test_missing_tables_leave_figures_out(made_up):
     assert sorted(set(labels) - set(study_figures(weak))) == ["comp_nyt_strong", "perf_nyt_strong"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worlds", [(0,), (2, 5)])
 def test_boxes_stand_above_the_means_of_the_table(made_up, worlds):
     """The means beneath are those of the table over worlds; where instances are pooled, the title says it."""
@@ -93,6 +94,7 @@ def test_means_leave_out_what_the_table_leaves_out():
     assert study_figures({"rows": rows[rows["instance"] == 1]}) == {}
 
 
+@pytest.mark.slow
 def test_pay_and_use_show_the_means_of_operations(drawn):
     """Above what accepted requests got beyond their burden, below the workers used, with the means of the table."""
     tables = drawn[1]["nyc"]
@@ -202,6 +204,7 @@ def test_places_have_their_own_names(drawn):
     assert [panels[0].get_title().split("\n")[0], panels[7].get_title().split("\n")[0]] == wanted
 
 
+@pytest.mark.slow
 def test_a_scenario_without_an_estimate_has_no_panels(made_up):
     """Where one scenario's preferences could not be learned, the other's are shown nevertheless."""
     tables = study_tables(made_up("nyc")[1])

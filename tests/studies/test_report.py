@@ -157,6 +157,7 @@ def test_the_page_needs_nothing_else_and_is_accessible(written):
     assert len(named) == len(set(named))
 
 
+@pytest.mark.slow
 def test_numbers_of_the_page_are_those_of_the_tables(made_up, small):
     """Ratios have two decimals, intervals stand in one column, long tables are begun and say how long they are."""
     study, run = made_up("homogeneous")
@@ -174,6 +175,7 @@ def test_numbers_of_the_page_are_those_of_the_tables(made_up, small):
     assert "4.0e-07" in html
 
 
+@pytest.mark.slow
 def test_text_of_others_is_escaped(made_up, small):
     """Neither a failed cell's error nor a claim can put elements into the page, or columns into a LaTeX table."""
     study, run = made_up("heterogeneous", leave=lambda cell: cell.kind == "gap")
@@ -217,6 +219,7 @@ def without_results(study):
     return study, StudyRun(study.cells(), {})
 
 
+@pytest.mark.slow
 def test_a_whole_study_says_nothing_of_missing(made_up, small, monkeypatch):
     monkeypatch.setattr("optkit.studies.grids.find_spec", lambda _: object())
     monkeypatch.setattr(module, "DRAWINGS", {})
@@ -225,6 +228,7 @@ def test_a_whole_study_says_nothing_of_missing(made_up, small, monkeypatch):
     assert "The paper&#39;s results" not in html
 
 
+@pytest.mark.slow
 def test_settings_versions_and_checksums_are_told(made_up, small):
     """Settings and versions in the page and in report.json, with a checksum of each file; no path of this machine."""
     study, run = made_up("nyc", (3,))
@@ -266,6 +270,7 @@ def test_only_a_report_of_the_same_study_is_replaced(made_up, small, tmp_path):
         check_report(folder)
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_old_report(made_up, small, tmp_path, monkeypatch):
     """A clear error, and what was there is there still."""
     study, run = made_up("homogeneous")
@@ -300,6 +305,7 @@ def test_latex_tables_have_a_cell_for_every_column(made_up, name):
         assert "–" not in text
 
 
+@pytest.mark.slow
 def test_latex_compiles(made_up, tmp_path):
     """All tables of a study, in a document that knows nothing but booktabs."""
     program = shutil.which("pdflatex")

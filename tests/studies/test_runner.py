@@ -64,6 +64,7 @@ def test_what_was_damaged_is_worked_out_again(tmp_path, whole):
     assert (run.fresh, texts(run)) == (1, whole)
 
 
+@pytest.mark.slow
 def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, whole):
     """An unknown policy, and one whose training leads nowhere; the rest is as it was."""
     place = CELLS[0].place
@@ -78,6 +79,7 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, whole):
     assert texts(run) == whole
 
 
+@pytest.mark.slow
 def test_progress_ends_at_the_number_of_cells(tmp_path):
     seen = []
     run_cells(CELLS[:5], CellStore(tmp_path), progress=lambda *told: seen.append(told))
@@ -261,6 +263,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_results(tmp_path, monkeypa
     assert {key: kept.result for key, kept in run.found.items()} == {cell.key: {"cell": cell.key} for cell in CELLS}
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_said(tmp_path):
     pytest.importorskip("distributed", reason="Dask is missing: pip install 'optkit[dask]'")
     with pytest.raises(InputError, match=r"there is no Dask scheduler at tcp://127\.0\.0\.1:9"):

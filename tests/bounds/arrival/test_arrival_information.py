@@ -66,6 +66,7 @@ def test_the_hybrid_lies_between_the_exact_and_the_lagrangian_bound(busy):
         assert hybrid[3] == pytest.approx(exact, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hybrid_of_few_tracked_requests_closes_most_of_the_gap(busy):
     """With 10 tracked at a worker nine tenths of what the multipliers give away are won back, on each day."""
     for day in busy:
@@ -102,6 +103,7 @@ def test_every_method_is_a_proven_bound_and_says_what_it_is(busy, method):
     assert bound.value >= arrival_exact(day).value - 1e-9
 
 
+@pytest.mark.slow
 def test_the_default_is_exact_where_it_can_be(busy):
     for day in busy:
         bound = arrival_information(day)
@@ -110,6 +112,7 @@ def test_the_default_is_exact_where_it_can_be(busy):
         assert bound.value == arrival_exact(day).value
 
 
+@pytest.mark.slow
 def test_the_default_for_a_crowd_is_the_hybrid(crowded):
     most = lattice_bits(crowded).max()
     with pytest.raises(SolverError, match="hybrid"):
@@ -133,6 +136,7 @@ def test_with_less_room_the_default_tracks_fewer_and_then_none(crowded, monkeypa
     assert "states" in arrival_information(crowded).solver.details["why"]
 
 
+@pytest.mark.slow
 def test_it_is_tighter_than_full_information_in_the_mean(busy):
     for day in busy:
         full = np.mean([full_information(day.with_noise(draw)).value for draw in range(20)])

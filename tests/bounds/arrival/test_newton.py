@@ -62,6 +62,7 @@ def test_sparse_and_dense_linear_algebra_agree(random_instance, seed, kind):
     assert np.ptp(values) <= 2e-9 * (values[0] - market.constant) + 1e-9  # the tolerance twice, and rounding
 
 
+@pytest.mark.slow
 def test_a_long_horizon_is_solved_as_well_as_by_a_first_order_method():
     day = scenario("I.3", seed=0, horizon=2000).sample(1, seed=1)[0]
     market = OpenPairs.of(day)

@@ -128,6 +128,7 @@ def test_exponents_beyond_floating_point_do_no_harm(random_instance, mu, reward)
     assert value_of(program(day)) == pytest.approx(from_definition(day), rel=1e-9)
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.floats(0.0, 70.0), st.sampled_from([0.3, 1.0, 20.0]))
 def test_the_quick_pricing_is_the_closed_form_at_every_subset(random_instance, seed, liking, mu):

@@ -302,6 +302,7 @@ def test_more_workers_or_a_longer_queue_are_worth_more():
     assert single[1] == pytest.approx(single[0], rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("queue", [0, 2])
 def test_the_certificate_proves_the_value_from_both_sides(queue):
     """The bound is the value itself; the policy in the tables earns it up to rounding of some hundred money."""
@@ -315,6 +316,7 @@ def test_the_certificate_proves_the_value_from_both_sides(queue):
     assert 0 <= verdict.gap <= 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
 @pytest.mark.parametrize("mu", [1e-6, 1.0, 1e3])
 def test_the_certificate_holds_for_any_money_and_any_noise(scale, mu):
@@ -333,6 +335,7 @@ def lowered(certificate, name, step, where, by):
     return replace(certificate, **{name: tuple(tables)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [1e-6, 0.1, 50.0])
 def test_a_lowered_profit_proves_no_less(by):
     """A bound on one decision's profit that is too small fails its dual, and is raised until it does not."""
@@ -365,6 +368,7 @@ def test_tables_that_are_all_too_low_prove_the_truth():
     assert verdict.attained == pytest.approx(bound.value, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_looser_tables_are_a_looser_bound():
     """Profits that are too high, with values to match, still prove what they say."""
     certificate = exact_value(SCARCE).certificate

@@ -51,6 +51,7 @@ KNOWN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", KNOWN)
 def test_known_optimum_matching_and_prices(case, method):
@@ -166,6 +167,7 @@ def test_a_time_limit_must_be_positive(random_instance, limit):
         full_information(random_instance(np.random.default_rng(13)), time_limit=limit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["lp", "milp", "assignment"])
 def test_a_time_limit_is_an_error_and_no_bound(random_instance, method):
     day = random_instance(np.random.default_rng(14), requests=2000, workers=1000, horizon=2000)

@@ -24,6 +24,7 @@ def both(graph):
     return worker, request, value, (sparse, dense)
 
 
+@pytest.mark.slow
 @given(seeds, shapes)
 def test_duals_of_an_optimal_matching_are_feasible_and_complementary(random_instance, seed, shape):
     graph = edges(random_instance(np.random.default_rng(seed), **shape))

@@ -243,6 +243,7 @@ def test_those_of_the_largest_surplus_are_looked_at():
             assert found[subset] == alone[np.isin(best, members) @ [1, 2]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [None, 2, 0])
 @pytest.mark.parametrize("sees_busy", [False, True])
 def test_along_a_run_are_the_entries_of_its_sets(sees_busy, most):

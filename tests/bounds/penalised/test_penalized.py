@@ -84,6 +84,7 @@ def test_it_is_the_same_for_the_same_seed_only(value):
     assert penalized(DAYS[0], value, FORESIGHT, seed=spawned).certificate.check(DAYS[0]).gap < 1e-8
 
 
+@pytest.mark.slow
 def test_the_noise_is_not_looked_at(value):
     day = DAYS[1]
     bound = penalized(day, value, FORESIGHT)
@@ -264,6 +265,7 @@ def test_the_hybrid_lies_above_the_exact_lattice_in_the_mean(value):
     assert means[0] > means[12] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("day", DAYS[:4])
 def test_a_hybrid_that_charges_nothing_is_that_of_the_arrivals(day, value):
     """Nothing tracked: the Lagrangian bound, less charges that are the same for all policies."""
@@ -276,6 +278,7 @@ def test_a_hybrid_that_charges_nothing_is_that_of_the_arrivals(day, value):
     assert bound.value + idle == pytest.approx(free, rel=0.02)
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(0, 14), st.integers(0, 6), st.integers(1, 11))
 def test_tracking_does_not_look_ahead(random_instance, seed, requests, limit, now):

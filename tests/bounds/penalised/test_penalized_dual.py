@@ -51,6 +51,7 @@ def by_formula(day, charges, multipliers):
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_the_dual_is_its_formula_and_optimal(random_instance, seed):
     """At its own multipliers to rounding, and nowhere less at 200 others."""
@@ -112,6 +113,7 @@ def best_matching(day, charges):
     return day.penalty.sum() + max(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_the_assignment_is_the_best_of_all_matchings(random_instance, seed):
     day = random_instance(np.random.default_rng(seed), requests=6, workers=5, lifetime=4.0, groups=2)
@@ -121,6 +123,7 @@ def test_the_assignment_is_the_best_of_all_matchings(random_instance, seed):
     assert abs(prove(bound, day).gap) <= 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["I.1", "II"])
 def test_without_charges_they_are_the_bounds_that_they_penalise(name):
     for day in scenario(name, seed=0).sample(4, seed=1):

@@ -29,6 +29,7 @@ def stretch_before(seen):
     return next((k for k, one in enumerate(reversed(seen)) if not one), len(seen))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_the_table_is_that_of_enumerated_queues(seed):
     """Rates of every kind, zero and sudden among them: each history foretells the next step as its stretch does.
@@ -67,6 +68,7 @@ def test_rates_that_change_are_those_of_long_simulations():
     assert checked > 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.0, 0.1, 0.5, 0.9, 1.7, 30.0, 50.0])
 def test_rates_that_do_not_change_are_one_rate(rate):
     """The table repeats the row of one rate; rates that differ by nothing to speak of make the same to rounding."""
@@ -116,6 +118,7 @@ def transitions(rate, runs, horizon, rng):
     return np.array(before), np.array(seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.2, 0.5, 0.9, 1.4])
 def test_the_queue_is_that_of_long_simulations(rate):
     """Each stretch's frequency within 4 standard errors: given the stretch, the next step is a toss of its own."""

@@ -70,6 +70,7 @@ def test_digests_are_frozen():
         }
 
 
+@pytest.mark.slow
 def test_the_digest_does_not_depend_on_the_last_bit(made):
     """Each float of a set may be off by five units in its last place, noise near 0 by 1e-15, and the digest stays."""
     days, rng = load_instances(made / "I.2-0" / "validation"), np.random.default_rng(0)
@@ -84,6 +85,7 @@ def test_the_digest_does_not_depend_on_the_last_bit(made):
     assert benchmark_digest(moved) == benchmark_digest(days)
 
 
+@pytest.mark.slow
 def test_no_float_lies_near_a_rounding_boundary(made):
     """What the datasheet says of the distance to where a rounding changes, for this set."""
     for part in ("train", "test", "validation"):

@@ -98,6 +98,7 @@ def test_a_year_gives_the_papers_number_of_instances_of_about_fifty_requests(yea
     assert 0.7 < score.std() < 1.3
 
 
+@pytest.mark.slow
 def test_the_request_rate_aims_the_thinning_and_never_invents_trips(year: Trips) -> None:
     usual, twice = (trip_scenario("nyc-weak", 0, year, request_rate=rate / 120) for rate in (50, 100))
     assert twice.fraction == pytest.approx(2 * usual.fraction)
@@ -164,6 +165,7 @@ def test_further_instances_realise_the_episodes_of_their_part_anew(year: Trips) 
         source.further("tests", 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("weeks", "asked", "sizes"),
     [
@@ -200,6 +202,7 @@ def test_strong_preference_loves_pickups_and_shuns_dropoffs_in_region_one(year: 
     assert {0, 1, 2, 3} == set(np.concatenate([one.pickup for one in weak]))
 
 
+@pytest.mark.slow
 def test_the_scenario_is_found_by_name_and_describes_itself(year_file: Path) -> None:
     made = scenario("NYC_strong", seed=2, trips=year_file, mode="mondays", fraction=0.5, worker_rate=1.0)
     assert isinstance(made, TripScenario)

@@ -292,6 +292,7 @@ def test_trips_that_two_files_hold_are_not_counted_twice(tmp_path: Path, case: s
     _refused([tmp_path / "yellow_tripdata_2018-03.parquet", tmp_path / name], "hold the same trips.*leave one out")
 
 
+@pytest.mark.slow
 def test_other_trips_are_kept_apart_from_twins(tmp_path: Path) -> None:
     """Files of other weeks, and of the same hours with other zones, are read together; so is a file named twice."""
     frame = good(9_000)
@@ -303,6 +304,7 @@ def test_other_trips_are_kept_apart_from_twins(tmp_path: Path) -> None:
     assert (len(trips.frame), trips.rows) == (27_000, 27_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("zone", "read"),
     [*[(text, True) for text in ("12", "12.0", " 12 ", "12.")]]

@@ -149,6 +149,7 @@ def test_round_trip_is_exact(seed, sizes, groups, k, outside, scale):
     assert [np.shape(x.outside_utility) for x in loaded] == [np.shape(x.outside_utility) for x in saved]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["none", "dense", "sparse"])
 @pytest.mark.parametrize(("n", "workers"), [(0, 0), (0, 3), (3, 0), (1, 1)])
 def test_empty_instances_survive(tmp_path, n, workers, kind):
@@ -355,6 +356,7 @@ def failing(real, at, error):
     return call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 @pytest.mark.parametrize(
     ("what", "at"), [("replace", 1), ("replace", 2), ("fsync", 1), ("fsync", 3), ("fsync", 4)]

@@ -74,6 +74,7 @@ def test_with_an_outside_option_a_formula_is_taken_as_it_is_written(data):
     assert full.params["brand[a]"] == pytest.approx(base.params["Intercept"], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_rows_that_are_not_available_may_hold_anything(data):
     hidden = (data.choice == 0) & (data.index % 7 == 0)
     d = data.assign(open=~hidden).set_axis([f"r{i}" for i in range(3 * S)])
@@ -139,6 +140,7 @@ def test_a_column_to_drop_must_be_there(data):
         ConditionalLogit.from_formula("choice ~ price", data, drop_cols=["wage"], groups="s")
 
 
+@pytest.mark.slow
 def test_subsets_take_their_part_of_every_argument(data):
     d = data.assign(off=0.3 * data.price).set_axis([f"r{i}" for i in range(3 * S)])
     some = d.s < 100
@@ -152,6 +154,7 @@ def test_subsets_take_their_part_of_every_argument(data):
         ConditionalLogit.from_formula("choice ~ price", d, ["nobody"], groups="s")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -40,6 +40,7 @@ def right(data):
     return ConditionalLogit(exog=data[["pay", "km"]].to_numpy(), **given).fit().params
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("way", ["class", "formula"])
 def test_a_shuffled_argument_finds_its_rows(data, right, name, way):

@@ -27,6 +27,7 @@ def test_flat_spots_on_the_way_are_crossed(seed, ends):
     assert outcome(seed, most_sets=40) == ends
 
 
+@pytest.mark.slow
 def test_separation_is_refused_at_any_tolerance():
     """In each set the larger x is chosen: Albert and Anderson (1984), no estimate, however near is near enough."""
     rng = np.random.default_rng(0)
@@ -39,6 +40,7 @@ def test_separation_is_refused_at_any_tolerance():
                 model.fit(start, tol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1e2, 1e4, 1e6])
 @pytest.mark.parametrize("steep", ["offset", "column"])
 def test_a_dummy_that_is_never_chosen_is_refused_beside_anything(scale, steep):

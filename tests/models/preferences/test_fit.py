@@ -154,6 +154,7 @@ def test_scale_penalty_shrinks_the_compensations_coefficient_alone():
     assert slope[-1] > 0
 
 
+@pytest.mark.slow
 def test_accept_reject_is_biased_however_large_the_data():
     """Before several attractive offers the paper's logistic regression misses mu = 1.5 by tens of standard errors.
 

@@ -281,6 +281,7 @@ LABELS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
 @pytest.mark.parametrize("case", LABELS, ids=str)
 def test_situations_with_different_names_are_different(tmp_path, kind, case):

@@ -35,6 +35,7 @@ def earned(c, v, u, mu, outside_utility):
     return ((v - c) * weight).sum(axis=-1) / (1 + weight.sum(axis=-1))
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms)
 def test_optimal_prices_are_certified_without_a_gap(seed, n, nonnegative):
@@ -49,6 +50,7 @@ def test_optimal_prices_are_certified_without_a_gap(seed, n, nonnegative):
     assert proof.stationarity <= 1e-12
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms, st.floats(0.01, 10), st.booleans())
 def test_one_price_off_is_caught(seed, n, nonnegative, change, down):
@@ -105,6 +107,7 @@ def test_no_feasible_prices_earn_more_than_the_bound_which_does_not_depend_on_th
     assert proof.profit == pytest.approx(earned(proposals, v, u, **choice), abs=1e-11)  # profits of at most 40
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes)
 def test_multipliers_and_prices_satisfy_the_optimality_conditions(seed, n):
@@ -119,6 +122,7 @@ def test_multipliers_and_prices_satisfy_the_optimality_conditions(seed, n):
     assert (certify(p.compensation, v, u, nonnegative=False, **choice).multiplier == 0).all()
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms)
 def test_stationarity_is_the_largest_derivative_of_the_profit_along_a_feasible_change(seed, n, nonnegative):
@@ -169,6 +173,7 @@ def test_many_proposals_at_once_are_each_alone(nonnegative):
         assert together.bound[i, j] == alone.bound
 
 
+@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms)
 def test_what_is_not_offered_does_not_count(seed, n, nonnegative):

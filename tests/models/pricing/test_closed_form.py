@@ -85,6 +85,7 @@ def test_probabilities_have_the_form_printed_in_lemma_3(seed, n):
     assert found.acceptance[0] == pytest.approx(mu / m * np.exp((v + u - m) / mu), rel=1e-12)
 
 
+@pytest.mark.slow
 @bounded
 @given(
     seeds,
@@ -153,6 +154,7 @@ def best_of_all_holdings(v, u, mu):
     return mu * ratio[feasible].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 40, 1000])
 def test_every_number_of_held_requests_occurs_and_is_the_best(n):
     """Sliding all values from high to low moves the number of held requests from 0 to n."""

@@ -25,6 +25,7 @@ FORMS = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @FORMS
 @pytest.mark.parametrize("groups", [1, 3])
 def test_a_function_of_the_form_is_found(random_sets, drawn, form, groups):
@@ -146,6 +147,7 @@ def test_what_is_not_fitted_says_so(random_sets, drawn, form):
             one.opportunity_cost(late)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "explode",
     [

@@ -78,6 +78,7 @@ def test_waiting_pays_on_fresh_instances():
     assert mean_interval(simulate(fresh, policy).reward, simulate(fresh, PostDecisionPricing()).reward).low > 0
 
 
+@pytest.mark.slow
 def test_the_file_prices_as_the_policy_did(trained, days, tmp_path):
     """It holds all members; damaged ones, none, and a mean of means are refused in one line."""
     path = trained.save(tmp_path / "mean.json")
@@ -148,6 +149,7 @@ def test_after_an_error_all_is_as_it_was(drawn):
     assert (LinearValue().fit(second).coef_ != before).any()
 
 
+@pytest.mark.slow
 def test_other_members_replace_those_that_were_fitted(drawn, trained, tmp_path):
     """Members go on from round to round only while they are the same; a mean from a file knows its own."""
 

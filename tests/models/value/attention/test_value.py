@@ -81,6 +81,7 @@ def test_opportunity_costs_are_differences_of_values(fitted, settings, seed):
     assert not cost[~sets.member].any()
 
 
+@pytest.mark.slow
 def test_order_of_the_columns_does_not_matter(fitted):
     """A set has no order: permuted columns give the same value and permuted costs (single precision: 1e-5)."""
     value, sets = fitted["tuned"], drawn_sets(1)
@@ -221,6 +222,7 @@ def test_fit_learns_a_function_that_can_be_learned(target):
     assert np.sqrt(np.square(np.concatenate(error)).mean()) < 0.15 * np.concatenate(spread).std()
 
 
+@pytest.mark.slow
 @needs_torch
 def test_targets_come_from_the_target_network():
     """With refresh = 2 the second update regresses on the same targets as the first, the third on new ones."""
@@ -240,6 +242,7 @@ def test_targets_come_from_the_target_network():
     assert (seen[1] != seen[2]).any()
 
 
+@pytest.mark.slow
 @needs_torch
 def test_every_update_takes_the_instances_asked_for():
     """20 instances in parts of 8 make three updates, which together hold every set once."""
@@ -269,6 +272,7 @@ def test_learning_rate_decays(decay_steps, expected):
     assert rate == pytest.approx(expected if decay_steps is None else 1e-3 * 0.1 ** ((steps - 1) / decay_steps))
 
 
+@pytest.mark.slow
 def test_arrays_and_json_keep_every_digit(fitted):
     """Through arrays and through JSON the values stay the same, and the file's settings and seed with them."""
     sets = drawn_sets(6)
@@ -353,6 +357,7 @@ def test_divergence_is_an_error_and_changes_nothing():
     assert (value.fit(drawn_experience(1)).value(drawn_sets(0)) == again.value(drawn_sets(0))).all()
 
 
+@pytest.mark.slow
 @needs_torch
 def test_misuse_is_told():
     """Values before fitting, other requests than those fitted to, nothing to learn from, and seeds that are none."""
@@ -373,6 +378,7 @@ def test_misuse_is_told():
             AttentionValue(seed=seed)
 
 
+@pytest.mark.slow
 @needs_torch
 def test_it_is_a_set_value_with_parameters():
     """It satisfies the protocol of value functions, and scikit-learn's clone starts afresh."""
