@@ -71,7 +71,7 @@ def arrival_optimum(day: Any, charge: Any = None) -> Any:
     def after(step: int, waiting: frozenset[int]) -> Any:
         expired = sum((penalty[i] for i in waiting if day.expiry[i] == step), mp.mpf(0))
         stay = frozenset(i for i in waiting if day.expiry[i] > step)
-        fee = mp.mpf(float(charge(step, stay))) if charge is not None else mp.mpf(0)
+        fee = mp.mpf(charge(step, stay)) if charge is not None else mp.mpf(0)
         return expired - fee + before(step + 1, stay)
 
     @cache
@@ -87,7 +87,7 @@ def arrival_optimum(day: Any, charge: Any = None) -> Any:
         value = [reward[i] - base + after(step, open_ - {i}) for i in members]
         return base + best_profit(value, [(mp.mpf(float(day.utility[d, i])) - outside) / mu for i in members], mu)
 
-    first = mp.mpf(float(charge(-1, frozenset()))) if charge is not None else mp.mpf(0)
+    first = mp.mpf(charge(-1, frozenset())) if charge is not None else mp.mpf(0)
     return before(0, frozenset()) - first
 
 

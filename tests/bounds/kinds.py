@@ -16,6 +16,8 @@ from optkit.bounds.arrival.arrival_information import arrival_hybrid
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.fluid.bound import FluidModel, fluid_bound
 from optkit.bounds.penalised.foresight import Foresight
+from optkit.bounds.penalised.linear_charges import LinearCharges
+from optkit.bounds.penalised.penalized_dual import penalized_dual
 from optkit.models.value.request_sets import ZeroSetValue
 from tests.bounds.judge import Market, arrival_optimum, dual_value, full_optimum, model_optimum
 
@@ -90,6 +92,26 @@ def small_penalized(day: Instance, limit: int = 2) -> Bound:
     return penalized(day, ZeroSetValue(), foresight, limit=limit, charged=limit)
 
 
+def small_linear_charges(day: Instance) -> LinearCharges:
+    """Coefficients that nobody fitted, in the day's unit of money."""
+    rng, unit = np.random.default_rng(day.n_requests), float(day.reward.mean())
+    foresight = Foresight(np.array([0.5, 0.7]), np.full(day.n_groups, 1.0 / day.n_groups))
+    return LinearCharges(unit * rng.normal(0, 0.3, (2, 2, 2)), [0.0, unit], [1.0, 3.0], foresight, 0.6)
+
+
+def _linear_optimum(day: Instance) -> Callable[[Any], Any]:
+    charges = small_linear_charges(day)
+    terms, start, _ = charges._terms(day)  # what is charged a unit, in floats: the sums are the judge's own
+    theta = [mp.mpf(float(x)) for x in charges.theta.ravel()]
+
+    def charge(step: int, waiting: frozenset[int]) -> Any:
+        rows = [start[i] + step - day.arrival[i] for i in waiting]
+        return mp.fsum(mp.mpf(float(x)) * t for row in rows for x, t in zip(terms[row], theta, strict=True))
+
+    best = arrival_optimum(day, charge)
+    return lambda certificate: best
+
+
 def _penalised_optimum(day: Instance) -> Callable[[Any], Any]:
     proof = small_penalized(day).certificate
     tracked = proof.tracked
@@ -128,6 +150,9 @@ KINDS: dict[str, Kind] = {
     "arrival, lagrangian": Kind(small_day, partial(arrival_information, method="lagrangian"), _dual_optimum),
     "arrival, program": Kind(small_day, partial(arrival_information, method="program"), _dual_optimum),
     "penalised": Kind(small_day, small_penalized, _penalised_optimum, False),
+    "penalised, lagrangian": Kind(
+        small_day, lambda day: penalized_dual(day, small_linear_charges(day)), _linear_optimum
+    ),
     "fluid": Kind(small_fluid, fluid_bound, _dual_optimum),
     "exact": Kind(small_model, exact_value, partial(_constant, model_optimum)),
 }

@@ -63,9 +63,10 @@ def reward_of(policy, name, subject, bound):
         return simulate(subject, policy).reward[0], 0.0
     everything, nothing = np.ones(subject.n_requests, bool), np.zeros(subject.n_requests)
     offer = lattice_offers(subject, policy)
-    if name != "penalised":
+    if not name.startswith("penalised"):
         return policy_value(SubsetProgram(subject, stages(subject), nothing, everything), offer), 0.0
     program, charges = penalized_program(subject, everything, nothing), bound.certificate.charges
+    charges = charges.on(subject) if name == "penalised, lagrangian" else charges
     return policy_value(program, offer, charges) - charges.idle(idle_steps(program)), 0.0
 
 
