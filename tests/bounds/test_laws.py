@@ -1,5 +1,7 @@
 """What holds of every kind of bounds: its certificate proves it, and no policy of those tried earns more."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,16 @@ def test_a_certificate_proves_its_bound(name, seed):
     assert verdict.bound == bound.value
     assert verdict.residual == 0.0
     assert -np.inf < verdict.attained <= bound.value + 1e-12 * abs(bound.value)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("arrival, hybrid", 200_008), ("penalised", 200_268)])
+def test_nothing_overflows_in_the_open(name, seed):
+    """Days on which a request is held at 0 whom workers like beyond what an exponential holds: no warning, a proof."""
+    kind = KINDS[name]
+    subject = kind.subject(np.random.default_rng(seed))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(prove(kind.bound(subject), subject).bound)
 
 
 @pytest.mark.slow

@@ -154,7 +154,8 @@ class SubsetProgram:
                 short.reshape(shape)[:, -1] += weight[i] * (np.exp(x - 1.0) - x)
             # One Newton step with the slope of the free form: it errs by less than step * (step + sum of w).
             step = short / (1.0 + ratio)
-            hard |= ~(step * (step + weight[signed].sum()) <= EPS)
+            with np.errstate(over="ignore"):  # then the state is a hard one
+                hard |= ~(step * (step + weight[signed].sum()) <= EPS)
             ratio -= step
         for rows in _chunks(np.flatnonzero(hard)):
             ratio[rows] = closed_form.nonnegative(self.offers(stage, later, rows).decisions).ratio[:, 0]
