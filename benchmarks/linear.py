@@ -91,8 +91,8 @@ def measure(name: str, seed: int) -> dict[str, Any]:
 def measure_busy(name: str) -> dict[str, Any]:
     """Measure charges on days on which dozens of requests wait: what they take off the multiplier bound, money."""
     settings, trained, bounded = BUSY[name]
-    source = scenario("I.1", seed=0, **settings)
-    days = source.sample(trained + bounded, seed=1)
+    source = scenario("I.1", seed=1, **settings)
+    days = source.sample(trained + bounded, seed=77)  # the fit was developed on other days, of world 0
     started = time.perf_counter()
     charges = scenario_linear_charges(source, days[:trained])
     fitted, fresh = time.perf_counter(), days[trained:]
