@@ -1,6 +1,7 @@
 """The synthetic world behind a scenario: its settings and the weights drawn once from the world's seed.
 
-Design section 5; paper section 4.1 and Table 1. The draws are frozen: every published figure depends on their order.
+``docs/explanation/scenarios.md``; paper section 4.1 and Table 1. The draws are frozen: every published
+figure depends on their order.
 """
 
 from __future__ import annotations

@@ -204,3 +204,17 @@ def test_files_that_pages_and_docstrings_name_are_there():
         cited += len(named)
         assert all((root / name).exists() for name in named), (path, [n for n in named if not (root / n).exists()])
     assert cited > 30
+
+
+def test_what_the_code_cites_is_there():
+    """A page of the explanation, and its heading; never a document that readers do not have."""
+    root = Path(__file__).parents[2]
+    cited = 0
+    for path in sorted((root / "optkit").rglob("*.py")):
+        text = re.sub(r"\s+", " ", path.read_text())
+        assert not re.search("design section", text, re.IGNORECASE), path
+        for page, heading in re.findall(r'``(docs/explanation/\w+\.md)``(?:, "([^"]+)")?', text):
+            lines = (root / page).read_text().splitlines()
+            assert not heading or any(line.lstrip("# ") == heading and line[0] == "#" for line in lines if line), path
+            cited += 1
+    assert cited > 20

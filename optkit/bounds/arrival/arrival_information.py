@@ -58,7 +58,7 @@ def arrival_information(instance: Instance, method: Method | None = None) -> Bou
 
     Notes
     -----
-    Design section 4, arrival-information bound. Not in the paper.
+    ``docs/explanation/bounds.md``, "Arrival information". Not in the paper.
 
     Examples
     --------

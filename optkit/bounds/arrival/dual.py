@@ -58,9 +58,10 @@ def arrival_dual(
 
     Notes
     -----
-    Design section 4, "Arrival-information bound". Compensations of either sign are allowed here. Demanding c >= 0 per
-    worker would be valid only with the option to withhold requests, which may be gone in truth. Where utilities are
-    well below the outside option it changes nothing; in nyc-strong it would lower the bound by 0.006 % at most.
+    ``docs/explanation/bounds.md``, "Arrival information". Compensations of either sign are allowed here.
+    Demanding c >= 0 per worker would be valid only with the option to withhold requests, which may be gone in truth.
+    Where utilities are well below the outside option it changes nothing; in nyc-strong it would lower the bound by
+    0.006 % at most.
 
     Examples
     --------

@@ -113,7 +113,7 @@ def arrival_exact(instance: Instance, *, limit: int = EXACT_LIMIT, nonnegative: 
 
     Notes
     -----
-    Design section 4; the recursion is in :mod:`optkit.bounds.arrival.subsets`.
+    ``docs/explanation/bounds.md``, "The same, exactly"; the recursion is in :mod:`optkit.bounds.arrival.subsets`.
 
     Examples
     --------

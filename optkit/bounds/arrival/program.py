@@ -52,7 +52,7 @@ def arrival_program(instance: Instance, *, solver: str = "CLARABEL", **options: 
 
     Notes
     -----
-    Design section 4, "Arrival-information bound". Money is handed over in units of the mean mu.
+    ``docs/explanation/bounds.md``, "Arrival information". Money is handed over in units of the mean mu.
 
     Examples
     --------

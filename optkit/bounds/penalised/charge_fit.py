@@ -79,7 +79,7 @@ def fit_linear_charges(
 
     Notes
     -----
-    Design section 4, "Penalised bound".
+    ``docs/explanation/bounds.md``, "Charging for foresight".
 
     Examples
     --------

@@ -125,7 +125,7 @@ def penalized(
 
     Notes
     -----
-    Design section 4, "Penalised bound"; not in the paper.
+    Not in the paper; ``docs/explanation/bounds.md``, "Charging for foresight".
 
     Examples
     --------

@@ -92,7 +92,8 @@ def identification(fitted: Any) -> IdentificationReport:
 
     Notes
     -----
-    Design section 4, "Estimation": offers that nobody rejects leave the level of utility open.
+    ``docs/explanation/estimation.md``, "What data can tell": offers that nobody rejects leave the level of
+    utility open.
 
     Examples
     --------

@@ -128,8 +128,9 @@ def dual_slack(d: Decisions, ratio: Floats, nonnegative: bool) -> Floats:
 
     For every price c_i >= 0, ``w_i e^{c_i/mu} (v_i - c_i - R)`` is at most its value at ``c_i = max(0, v_i - mu - R)``.
     Hence any R with ``sum_i max_c w_i e^{c/mu} (v_i - c - R) <= R`` bounds the profit of every price vector: multiply
-    by P_0 and add up. Without the sign constraint this is ``mu sum_i exp((a_i - R)/mu - 1) <= R``, the dual of design
-    section 4. Divided by mu (1 + W_C): ``Y + s <= R/mu``, so the slack is ``log(R/mu - s) - log Y``.
+    by P_0 and add up. Without the sign constraint this is ``mu sum_i exp((a_i - R)/mu - 1) <= R``, the dual of
+    ``docs/explanation/bounds.md``, "Arrival information". Divided by mu (1 + W_C): ``Y + s <= R/mu``, so the slack is
+    ``log(R/mu - s) - log Y``.
     """
     if nonnegative:
         hold = d.value < d.mu * (1.0 + ratio)

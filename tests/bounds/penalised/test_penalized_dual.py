@@ -1,4 +1,4 @@
-"""Bounds under linear charges: by the formula, by trying all matchings, and in the chain."""
+"""Bounds under linear charges: by the formula and in the chain."""
 
 from dataclasses import replace
 from itertools import product
@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.special import wrightomega
 
 from optkit import Instance, scenario
-from optkit.basics.errors import InputError, InstanceError, SolverError
-from optkit.bounds import full_information
+from optkit.basics.errors import InputError, SolverError
 from optkit.bounds.arrival.dual import arrival_dual
 from optkit.bounds.arrival.lattice import stages
 from optkit.bounds.arrival.subsets import SubsetProgram
@@ -20,7 +19,7 @@ from optkit.bounds.exact.exact_value import exact_value
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.penalised.foresight import Foresight, fifo_presence
 from optkit.bounds.penalised.linear_charges import LinearCharges
-from optkit.bounds.penalised.penalized_dual import charged_market, penalized_assignment, penalized_dual
+from optkit.bounds.penalised.penalized_dual import charged_market, penalized_dual
 
 seeds = st.integers(0, 2**32 - 1)
 bounded = settings(derandomize=True, deadline=None, max_examples=40)
@@ -93,50 +92,19 @@ def test_the_lattice_under_the_same_charges_lies_below(random_instance, seed, re
     prove(bound, day)
 
 
-def best_matching(day, charges):
-    """Try all matchings: rewards, penalties and least prices from the definition, less the charge of the run."""
-
-    def worth(j, i):
-        d = day.worker_group[j]
-        idle = day.outside_by_group[d] + day.outside_noise[j]
-        return day.reward[i] - day.penalty[i] - max(0.0, idle - day.utility[d, i] - day.noise[j, i])
-
-    options = [[-1, *np.flatnonzero((day.arrival <= step) & (step <= day.expiry)).tolist()] for step in day.worker_step]
-    found = []
-    for chosen in product(*options):
-        served = [(j, i) for j, i in enumerate(chosen) if i >= 0]
-        if len({i for _, i in served}) == len(served):
-            last = day.expiry - 1
-            for j, i in served:
-                last[i] = day.worker_step[j] - 1
-            found.append(sum(worth(j, i) for j, i in served) - charges.along(day, last[None])[0])
-    return day.penalty.sum() + max(found)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
-def test_the_assignment_is_the_best_of_all_matchings(random_instance, seed):
-    day = random_instance(np.random.default_rng(seed), requests=6, workers=5, lifetime=4.0, groups=2)
-    charges = charges_for(day, seed, 20.0)
-    bound = penalized_assignment(day, charges)
-    assert bound.value == pytest.approx(best_matching(day, charges), abs=1e-9)
-    assert abs(prove(bound, day).gap) <= 1e-9
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["I.1", "II"])
-def test_without_charges_they_are_the_bounds_that_they_penalise(name):
+def test_without_charges_it_is_the_bound_that_it_penalises(name):
     for day in scenario(name, seed=0).sample(4, seed=1):
         share = np.full(day.n_groups, 1 / day.n_groups)
         free = LinearCharges(np.zeros((1, 2, 2)), [0.0, 9.0], [1.0, 9.0], Foresight(fifo_presence(0.5), share))
         assert penalized_dual(day, free).value == pytest.approx(arrival_dual(day).value, rel=1e-8)
-        assert penalized_assignment(day, free).value == pytest.approx(full_information(day).value, rel=1e-12)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
-def test_their_means_bound_the_exact_value_for_any_coefficients(seed):
-    """All 216 paths of a small model by enumeration; the assignment, whose noise is drawn, within 4 errors."""
+def test_its_mean_bounds_the_exact_value_for_any_coefficients(seed):
+    """All 216 paths of a small model by enumeration."""
     rng = np.random.default_rng(seed)
     u, outside = rng.uniform(-25, -5, (2, 1)), rng.uniform(-3, 3, 2)
     model = SmallModel(
@@ -144,7 +112,7 @@ def test_their_means_bound_the_exact_value_for_any_coefficients(seed):
         workers=[0.4, 0.6], share=[0.3, 0.7], outside_utility=outside,
     )  # fmt: skip
     charges = LinearCharges(rng.normal(0, 8, (2, 2, 2)), [5.0, 40.0], [1.0, 2.0], Foresight([0.6], model.share), 0.6)
-    exact, mean, sure, full, weight = exact_value(model).value, 0.0, 0.0, [], []
+    exact, mean, sure = exact_value(model).value, 0.0, 0.0
     for groups, comes in product(product((-1, 0, 1), repeat=3), product((0, 1), repeat=3)):
         p = float(np.prod([0.4 if g < 0 else 0.6 * model.share[g] for g in groups]))
         p *= float(np.prod([0.6 if c else 0.4 for c in comes]))
@@ -157,20 +125,15 @@ def test_their_means_bound_the_exact_value_for_any_coefficients(seed):
         )  # fmt: skip
         mean += p * penalized_dual(day, charges).value
         sure += p * charges.shifts(day)[1]
-        full.append([penalized_assignment(day.with_noise(rng), charges).value for _ in range(4)])
-        weight.append(p)
     assert sure == pytest.approx(0.0, abs=1e-11)
     assert mean >= exact - 1e-9
-    assert np.array(weight) @ np.mean(full, axis=1) >= exact - 4 * np.sqrt(np.array(weight) ** 2 @ np.var(full, axis=1))
 
 
-def test_the_noise_plays_its_part_in_the_assignment_only(random_instance):
+def test_the_noise_plays_no_part(random_instance):
     day = random_instance(np.random.default_rng(0), groups=2)
     charges = charges_for(day, 0)
     silent = replace(day, noise=None, outside_noise=None)
     assert penalized_dual(silent, charges).value == penalized_dual(day, charges).value
-    with pytest.raises(InstanceError, match="with_noise"):
-        penalized_assignment(silent, charges)
 
 
 @pytest.mark.parametrize("sizes", [{"requests": 0}, {"workers": 0}, {"requests": 0, "workers": 0}])
@@ -178,9 +141,9 @@ def test_with_nobody_to_serve_or_to_be_served_the_penalties_and_the_charges_are_
     day = random_instance(np.random.default_rng(7), groups=2, **sizes)
     charges = charges_for(day, 1)
     expected = day.penalty.sum() - charges.shifts(day)[1]
-    for bound in (penalized_dual(day, charges), penalized_assignment(day, charges)):
-        assert bound.value == pytest.approx(expected, abs=1e-9)
-        assert abs(prove(bound, day).gap) <= 1e-9
+    bound = penalized_dual(day, charges)
+    assert bound.value == pytest.approx(expected, abs=1e-9)
+    assert abs(prove(bound, day).gap) <= 1e-9
 
 
 def test_a_solver_that_stops_early_gives_a_looser_bound_and_says_so(random_instance):
@@ -197,33 +160,18 @@ def test_a_solver_that_stops_early_gives_a_looser_bound_and_says_so(random_insta
 def test_forged_certificates_do_not_pass(random_instance):
     day = random_instance(np.random.default_rng(4), requests=10, workers=7, lifetime=4.0, groups=2)
     charges = charges_for(day, 4)
-    for bound in (penalized_dual(day, charges), penalized_assignment(day, charges)):
-        with pytest.raises(SolverError, match="claimed"):
-            prove(replace(bound, value=bound.value - 0.01), day)
-        other = replace(bound.certificate, charges=charges_for(day, 5))
-        assert abs(other.check(day).bound - bound.value) > 0.01
-    dual = penalized_dual(day, charges)
-    negative = replace(dual.certificate, multipliers=dual.certificate.multipliers - 50.0)
+    bound = penalized_dual(day, charges)
+    with pytest.raises(SolverError, match="claimed"):
+        prove(replace(bound, value=bound.value - 0.01), day)
+    other = replace(bound.certificate, charges=charges_for(day, 5))
+    assert abs(other.check(day).bound - bound.value) > 0.01
+    negative = replace(bound.certificate, multipliers=bound.certificate.multipliers - 50.0)
     with pytest.raises(SolverError, match="breaks a constraint"):
-        prove(replace(dual, certificate=negative), day)
-    proof = penalized_assignment(day, charges).certificate
-    assert proof.worker.size >= 2
-    twice = replace(proof, worker=proof.worker[[0, 0]], request=proof.request[[0, 0]])
-    strangers = replace(proof, worker=[0], request=[day.n_requests - 1])
-    for forged in (twice, strangers):
-        verdict = forged.check(day)
-        assert verdict.residual >= 1
-        assert verdict.attained == -np.inf
-    for prices in (np.zeros(3), np.full(10, np.nan)):
-        with pytest.raises(InputError, match="request_dual"):
-            replace(proof, request_dual=prices).check(day)
-    lower = replace(proof, request_dual=proof.request_dual - 5.0)
-    assert lower.check(day).bound >= penalized_assignment(day, charges).value - 1e-9
+        prove(replace(bound, certificate=negative), day)
 
 
 def test_charges_of_other_groups_are_refused(random_instance):
     day = random_instance(np.random.default_rng(5), groups=2)
     other = LinearCharges(np.zeros((1, 2, 2)), [0.0, 9.0], [1.0, 9.0], Foresight([0.5], [1.0]))
-    for bound in (penalized_dual, penalized_assignment):
-        with pytest.raises(InputError, match="share"):
-            bound(day, other)
+    with pytest.raises(InputError, match="share"):
+        penalized_dual(day, other)
