@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from optkit.basics.arrays import whole_number
 from optkit.basics.errors import SolverError
+from optkit.basics.users_code import printing_aside, prints_aside
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -51,22 +52,22 @@ def in_parallel(
     jobs = min(jobs, len(numbered))
     if jobs <= 1:
         for item in numbered:
-            yield _call(function, item)
+            yield _call(function, item, prints_aside())
         return
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     try:
         yield from Parallel(n_jobs=jobs, return_as="generator_unordered")(
-            delayed(_call)(function, item) for item in numbered
+            delayed(_call)(function, item, prints_aside()) for item in numbered
         )
     except TerminatedWorkerError as error:
         raise SolverError("a worker process was killed, perhaps for want of memory: take fewer processes") from error
 
 
-def _call(function: Callable[[Any], Any], item: tuple[int, Any]) -> tuple[int, Any]:
+def _call(function: Callable[[Any], Any], item: tuple[int, Any], aside: bool) -> tuple[int, Any]:
     from threadpoolctl import threadpool_limits
 
     number, task = item
-    with threadpool_limits(1):
+    with threadpool_limits(1), printing_aside(aside):
         return number, function(task)

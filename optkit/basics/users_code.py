@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from functools import partial
 from pathlib import Path
 from traceback import walk_tb
@@ -17,6 +18,30 @@ KIT, STANDARD = Path(__file__).parents[1], Path(os.__file__).parent
 
 LONGEST = 300
 """Characters of an exception's text in a message."""
+
+_aside = False
+
+
+def prints_aside() -> bool:
+    """Whether what the user's code prints goes to standard error."""
+    return _aside
+
+
+@contextmanager
+def printing_aside(wanted: bool = True) -> Iterator[None]:
+    """Send what the user's code prints to standard error meanwhile: standard output is a command's answer.
+
+    Examples
+    --------
+    >>> with printing_aside(), users_code("the policy"):
+    ...     print("not here")
+    """
+    global _aside
+    before, _aside = _aside, wanted
+    try:
+        yield
+    finally:
+        _aside = before
 
 
 def name_of(code: object) -> str:
@@ -60,7 +85,8 @@ def users_code(what: str, error: Error = PolicyError) -> Iterator[None]:
     optkit.basics.errors.PolicyError: the policy third failed (ZeroDivisionError: division by zero)...
     """
     try:
-        yield
+        with redirect_stdout(sys.stderr) if _aside else nullcontext():
+            yield
     except (OptkitError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as fault:  # SystemExit, and what else a program may end with

@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from optkit.basics.errors import OptkitError
 from optkit.basics.printable import printable
+from optkit.basics.users_code import printing_aside
 from optkit.cli.bound import bound
 from optkit.cli.certify import certify
 from optkit.cli.collect import collect
@@ -84,7 +85,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, _interrupted)
     # A scheduler's polite end is an interruption too: worker processes must not outlive this one.
     signal.signal(signal.SIGTERM, _interrupted)
-    with _any_encoding(), _library_logs(), warnings.catch_warnings():
+    with _any_encoding(), _library_logs(), printing_aside(), warnings.catch_warnings():
         warnings.showwarning = _warned
         try:
             app()

@@ -1,11 +1,13 @@
 """Code of the user's own: each way to fail is one line."""
 
 import json
+import sys
 
 import pytest
 
 from optkit.basics.errors import InputError, PolicyError
-from optkit.basics.users_code import name_of, users_code
+from optkit.basics.parallel import in_parallel
+from optkit.basics.users_code import name_of, printing_aside, users_code
 
 
 def test_names():
@@ -34,3 +36,20 @@ def test_what_succeeds_is_left_alone():
     with pytest.raises(PolicyError) as caught, users_code("mine"):
         raise mine
     assert caught.value is mine
+
+
+def where_it_prints(_):
+    with users_code("mine"):
+        return sys.stdout is sys.stderr
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_it_prints_is_no_command_s_answer(jobs, capsys):
+    """It goes to standard error while a command runs, in other processes too, and where it wants to otherwise."""
+    assert not any(aside for _, aside in in_parallel(where_it_prints, range(3), jobs))
+    with printing_aside():
+        assert all(aside for _, aside in in_parallel(where_it_prints, range(3), jobs))
+        with users_code("mine"):
+            print("mine")
+        print("the command's")
+    assert tuple(capsys.readouterr()) == ("the command's\n", "mine\n")

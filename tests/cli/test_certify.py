@@ -109,8 +109,10 @@ def test_a_trained_policy_s_file(certify, own, tmp_path):
 
 OWN = """
 SHARE = 0.5
+print("I am read")
 
 def half(state):
+    print("I am asked")
     return SHARE * state.reward
 
 class Third:
@@ -123,7 +125,10 @@ five = 5
 
 @pytest.mark.slow
 def test_policies_of_ones_own(certify, own, tmp_path):
-    """A folder and a policy that optkit has never seen, in two processes; the numbers are those of gap_report."""
+    """A folder and a policy that optkit has never seen, in two processes; the numbers are those of gap_report.
+
+    What the policy prints is not in the way of the JSON.
+    """
     (tmp_path / "own.py").write_text(OWN)
     named = [f"--policy={tmp_path}/own.py:{name}" for name in ("half", "Third")]
     status, out, _ = certify(own, *named, "--json", "--jobs", 2)
