@@ -26,61 +26,69 @@ HEAVY = [
 ]
 
 
-def fresh(code):
-    """Run code in a fresh interpreter; return what it printed and which modules it loaded."""
-    report = "\nimport sys, json; print('\\x00' + json.dumps(sorted(sys.modules)))"
+USE = """
+import json, sys
+
+def loaded():
+    return sorted({name.partition(".")[0] for name in sys.modules})
+
+import optkit
+
+face = loaded()
+import logging, warnings
+import numpy as np, scipy.sparse, scipy.special  # which bring filters of their own
+
+def take():
+    state = np.random.get_state()[1].tolist()
+    return logging.root.handlers[:], logging.root.level, warnings.filters[:], np.geterr(), np.get_printoptions(), state
+
+np.random.seed(1)
+before = take()
+from optkit import Instance, OptkitError, performance_ratio, scenario, simulate
+from optkit.models.pricing import optimal_prices
+from optkit.policies import Formula, PostDecisionPricing
+
+days = scenario("I.1", horizon=5).sample(4, seed=0)
+simulate(days[:1], PostDecisionPricing())
+optimal_prices([1.0], [0.0])
+assert take() == before
+from optkit.gap.report import gap_report
+from optkit.learning.training import train
+from optkit.studies.run_cell import run_cell
+
+train(days, choice="true")
+assert take() == before
+print(json.dumps([face, loaded()]))
+"""
+
+
+@pytest.fixture(scope="module")
+def used():
+    """What a process prints that imports optkit, draws, simulates, prices and trains: the modules it has loaded."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code + report],
+        [sys.executable, "-W", "error", "-c", USE],
         capture_output=True,
         text=True,
         check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
-    assert done.returncode == 0, done.stderr
-    printed, modules = done.stdout.split("\x00")
-    return printed + done.stderr, {name.partition(".")[0] for name in json.loads(modules)}
+    assert (done.returncode, done.stderr) == (0, "")  # and nothing has changed, see there
+    (printed,) = done.stdout.splitlines()
+    return [set(names) for names in json.loads(printed)]
 
 
-def test_import_is_quiet_and_light():
+@pytest.mark.slow
+def test_import_is_quiet_and_light(used):
     """Importing optkit prints nothing and loads no library, not even NumPy."""
-    printed, modules = fresh("import optkit")
-    assert printed == ""
-    assert modules.isdisjoint([*HEAVY, "numpy", "scipy"])
+    assert used[0].isdisjoint([*HEAVY, "numpy", "scipy"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "code",
-    [
-        "from optkit import Instance, OptkitError, performance_ratio, scenario, simulate",
-        "from optkit import scenario; scenario('I.1').sample(1, seed=0)",
-        "from optkit import scenario, simulate; from optkit.policies import Formula, PostDecisionPricing;"
-        "simulate(scenario('I.1').sample(1, seed=0), PostDecisionPricing())",
-        "from optkit.models.pricing import optimal_prices; optimal_prices([1.0], [0.0])",
-    ],
-    ids=["names", "sample", "simulate", "price"],
-)
-def test_use_loads_only_what_is_used(code):
-    """Drawing, simulating and pricing print nothing and load none of the heavy libraries."""
-    printed, modules = fresh(code)
-    assert printed == ""
-    assert modules.isdisjoint(HEAVY)
+def test_use_is_quiet_and_loads_only_what_is_used(used):
+    """Drawing, simulating, pricing and training print nothing and load none of the heavy libraries.
 
-
-@pytest.mark.slow
-def test_import_changes_nothing():
-    """Importing optkit leaves logging, warnings and NumPy's error handling and random state as they were.
-
-    SciPy is loaded beforehand: it brings filters of its own.
+    They leave logging, warnings and NumPy's error handling and random state as they were.
     """
-    code = (
-        "import logging, warnings, numpy as np, scipy.sparse, scipy.special; np.random.seed(1);"
-        "take = lambda: (logging.root.handlers[:], logging.root.level, warnings.filters[:], np.geterr(),"
-        "  np.get_printoptions(), np.random.get_state()[1].tolist());"
-        "before = take(); from optkit import scenario, simulate; from optkit.policies import PostDecisionPricing;"
-        "simulate(scenario('I.1').sample(1, seed=0), PostDecisionPricing()); assert take() == before"
-    )
-    assert fresh(code)[0] == ""
+    assert used[1].isdisjoint(HEAVY)
 
 
 FACE = {

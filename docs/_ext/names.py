@@ -58,13 +58,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nod
     return None
 
 
-def skip(app: Sphinx, what: str, name: str, thing: object, skipped: bool, options: object) -> bool | None:
-    """Leave out what scikit-learn adds to every estimator."""
-    return True if name.startswith("set_") and name.endswith("_request") else None
-
-
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to the events of the build."""
     app.connect("missing-reference", resolve)
-    app.connect("autodoc-skip-member", skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

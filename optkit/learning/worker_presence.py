@@ -18,8 +18,8 @@ LONGEST = 12
 def presence_after(seen: Bools, within: Bools | None = None) -> Floats:
     """Probability of a worker at each step after 0, 1, ..., :data:`LONGEST` busy steps, (T, LONGEST + 1).
 
-    A logistic regression on the step and the length of the busy stretch, with scikit-learn's default penalty: what few
-    instances have shown is drawn to what all have.
+    A logistic regression on the step and the length of the busy stretch, with half the squares of all coefficients but
+    the intercept as a penalty: what few instances have shown is drawn to what all have.
 
     Parameters
     ----------
@@ -33,8 +33,6 @@ def presence_after(seen: Bools, within: Bools | None = None) -> Floats:
     >>> presence_after(np.ones((3, 2), bool))[2]
     array([1., 1., 1., 1., 1., 1., 1., 1., 1., 1., 1., 1., 1.])
     """
-    from scipy import sparse
-
     T, B = seen.shape
     inside = np.ones(seen.shape, dtype=bool) if within is None else within
     share = float(seen[inside].mean()) if inside.any() else 0.0
@@ -44,13 +42,37 @@ def presence_after(seen: Bools, within: Bools | None = None) -> Floats:
     before = np.concatenate([np.zeros((1, B), np.int64), np.minimum(busy_steps(seen), LONGEST)[:-1]])
     cell = np.arange(T)[:, None] * (LONGEST + 1) + before
     count = np.stack([np.bincount(cell[(seen == one) & inside], minlength=table.size) for one in (False, True)])
-    from sklearn.linear_model import LogisticRegression
+    return _fitted(*count.reshape(2, T, LONGEST + 1).astype(float))
 
-    # Two sets of indicators side by side: of the step, and of the busy stretch.
-    steps = sparse.kron(sparse.eye_array(T), np.ones((LONGEST + 1, 1)))
-    stretch = sparse.kron(np.ones((T, 1)), sparse.eye_array(LONGEST + 1))
-    x = sparse.hstack([steps, stretch]).tocsr()
-    model = LogisticRegression(max_iter=1000)
-    y = np.repeat([0, 1], table.size)
-    model.fit(sparse.vstack([x, x]).tocsr(), y, sample_weight=count.ravel())
-    return np.asarray(model.predict_proba(x)[:, 1].reshape(table.shape))
+
+def _fitted(absent: Floats, present: Floats) -> Floats:
+    """Fit the regression to how often no worker and one came, by step and busy stretch, (T, LONGEST + 1) both.
+
+    The same program, start and precision as ``sklearn.linear_model.LogisticRegression``, which takes two seconds to
+    load.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import expit
+
+    T = len(absent)
+    total = float(absent.sum() + present.sum())
+
+    def score(w: Floats) -> Floats:
+        return np.asarray(w[:T, None] + w[T:-1] + w[-1])
+
+    def loss(w: Floats) -> tuple[float, Floats]:
+        x, slopes = score(w), w[:-1]
+        pointwise = present * np.logaddexp(0.0, -x) + absent * np.logaddexp(0.0, x)
+        excess = (absent + present) * expit(x) - present
+        gradient = np.concatenate([excess.sum(axis=1), excess.sum(axis=0), [excess.sum()]])
+        gradient[:-1] += slopes
+        return (float(pointwise.sum()) + 0.5 * float(slopes @ slopes)) / total, gradient / total
+
+    found = minimize(
+        loss,
+        np.zeros(T + LONGEST + 2),
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": 1000, "maxls": 50, "gtol": 1e-4, "ftol": 64 * np.finfo(float).eps},
+    )
+    return np.asarray(expit(score(found.x)))

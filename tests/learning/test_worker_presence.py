@@ -138,3 +138,18 @@ def test_few_days_say_little():
     table = presence_after(seen)
     assert table.min() > 0.05
     assert table.max() < 0.98
+
+
+@pytest.mark.slow
+def test_it_is_scikit_learns_logistic_regression():
+    """With its default penalty and precision, fitted to every step of every instance as a row of indicators."""
+    from sklearn.linear_model import LogisticRegression
+
+    T, seen = 6, queues(40, T=6)
+    stretch = np.concatenate([np.zeros((1, 40), int), busy_steps(seen)[:-1]])
+    steps = np.broadcast_to(np.arange(T)[:, None], seen.shape)
+    rows = np.hstack([np.eye(T)[steps.ravel()], np.eye(LONGEST + 1)[stretch.ravel()]])
+    fitted = LogisticRegression(max_iter=1000).fit(rows, seen.ravel())
+    cells = np.hstack([np.repeat(np.eye(T), LONGEST + 1, axis=0), np.tile(np.eye(LONGEST + 1), (T, 1))])
+    theirs = fitted.predict_proba(cells)[:, 1].reshape(T, LONGEST + 1)
+    np.testing.assert_allclose(presence_after(seen), theirs, atol=1e-10)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 
 from optkit.basics.errors import DataError
 from optkit.basics.paths import resolved
@@ -74,6 +73,8 @@ def read_pieces(path: Path) -> Iterator[dict[str, Any]]:
 
 def moments(cells: Cells) -> Any:
     """Return times as a Series: of dates if the file holds dates, else of text, and nothing where a cell is blank."""
+    import pandas as pd
+
     if isinstance(cells.given, list):
         return pd.Series([one if isinstance(one, str) and one.strip() else None for one in cells.given], dtype=object)
     import pyarrow as pa
@@ -88,6 +89,8 @@ def zones(cells: Cells) -> Column:
     """Return zones as floats: NaN where a cell is empty, 0 where it holds no number that a zone can have."""
     if isinstance(cells.values, np.ndarray) and cells.values.dtype.kind in "iuf":
         return cells.values.astype(np.float64)
+    import pandas as pd
+
     codes, texts = pd.factorize(pd.Series(list(cells.values), dtype=object))
     return np.array([*map(_zone, texts), np.nan])[codes]
 

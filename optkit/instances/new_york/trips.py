@@ -17,15 +17,17 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
 from optkit.basics.errors import DataError
 from optkit.instances.new_york.same_trips import Sketch, check_apart
 from optkit.instances.new_york.trip_files import Paths, find_files, read_pieces
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Times: TypeAlias = npt.NDArray[np.datetime64]
 Mask: TypeAlias = npt.NDArray[np.bool_]
@@ -153,6 +155,8 @@ def read_trips(paths: Paths, *, when: Callable[[Times], Mask] | None = None) -> 
     if np.isnat(period[0]):
         counts = ", ".join(f"{n:,} {reason}" for reason, n in report.items() if n) or "the files are empty"
         raise DataError(f"no usable trip within Manhattan among {rows:,} rows of {_list(names)}: {counts}")
+    import pandas as pd
+
     return Trips(pd.concat(parts, ignore_index=True), report, rows, tuple(p.name for p in names), period)
 
 
@@ -165,6 +169,8 @@ def manhattan_zones() -> pd.DataFrame:
     >>> manhattan_zones().groupby("region").size().to_dict()
     {1: 22, 2: 19, 3: 18, 4: 10}
     """
+    import pandas as pd
+
     with (files("optkit.instances.new_york") / "manhattan_zones.csv").open(encoding="utf-8") as table:
         return pd.read_csv(table)
 
@@ -199,6 +205,8 @@ def _good(
 
 
 def _frame(start: Any = (), pickup: Any = (), dropoff: Any = (), minutes: Any = ()) -> pd.DataFrame:
+    import pandas as pd
+
     return pd.DataFrame(
         {
             "pickup_time": np.asarray(start, "datetime64[s]"),
@@ -210,6 +218,8 @@ def _frame(start: Any = (), pickup: Any = (), dropoff: Any = (), minutes: Any = 
 
 
 def _times(values: pd.Series[Any]) -> Times:
+    import pandas as pd
+
     if not pd.api.types.is_datetime64_any_dtype(values):
         text = values.astype("string").str.strip()
         if text.str.slice(10).str.contains("[Z+-]", regex=True).any():  # time zones, after the date

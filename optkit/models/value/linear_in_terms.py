@@ -14,10 +14,10 @@ from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator
 
 from optkit.basics.arrays import Floats, Ints, number
 from optkit.basics.errors import InputError, TrainingError
+from optkit.models.value.parameters import Parameters
 from optkit.models.value.ranked_term import RankedTerm
 from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, costs_without
 
@@ -71,7 +71,7 @@ class Term(Protocol):
         ...
 
 
-class LinearInTerms(BaseEstimator, ABC):  # type: ignore[misc]
+class LinearInTerms(Parameters, ABC):
     r"""A value function :math:`V_t(S) = \sum_{i \in S} \beta_i + U_t(S)` with U linear in coefficients, by step.
 
     Were every waiting request to expire, the penalties would be its value. What serving adds, U, is the value of the

@@ -7,16 +7,16 @@ from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator
 
 from optkit.basics.arrays import Floats
 from optkit.basics.errors import InputError
 from optkit.models.value import KernelValue, LinearValue
 from optkit.models.value.experience import Estimator, Experience
+from optkit.models.value.parameters import Parameters
 from optkit.models.value.request_sets import RequestSets
 
 
-class MeanValue(BaseEstimator):  # type: ignore[misc]
+class MeanValue(Parameters):
     """The mean of value functions that are fitted to the same experience, each with targets of its own.
 
     Opportunity costs are linear in the value function, so theirs are averaged too. The default averages light forms

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator
 
 from optkit.basics.arrays import Floats, floats, whole_number
 from optkit.basics.errors import InputError, MissingExtraError
 from optkit.models.value.attention.settings import LEVELS, PRINTED, TUNED, AttentionSettings
 from optkit.models.value.experience import Experience
+from optkit.models.value.parameters import Parameters
 from optkit.models.value.request_sets import RequestSets
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["LEVELS", "PRINTED", "TUNED", "AttentionSettings", "AttentionValue"]
 
 
-class AttentionValue(BaseEstimator):  # type: ignore[misc]
+class AttentionValue(Parameters):
     """The attention network as a post-decision value function.
 
     Results are the same for the same seed, experience, version of PyTorch and number of threads.
