@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from contextlib import AbstractContextManager
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from optkit.basics.arrays import whole_number
 from optkit.basics.errors import SolverError
 from optkit.basics.users_code import printing_aside, prints_aside
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -65,9 +71,22 @@ def in_parallel(
         raise SolverError("a worker process was killed, perhaps for want of memory: take fewer processes") from error
 
 
-def _call(function: Callable[[Any], Any], item: tuple[int, Any], aside: bool) -> tuple[int, Any]:
-    from threadpoolctl import threadpool_limits
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which the libraries of linear algebra take one thread each.
 
+    To look for them takes milliseconds, as long as many a task: they are looked for again once a module was imported.
+    """
+    return _libraries(len(sys.modules)).limit(limits=1)
+
+
+@lru_cache(maxsize=1)
+def _libraries(_: int) -> ThreadpoolController:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def _call(function: Callable[[Any], Any], item: tuple[int, Any], aside: bool) -> tuple[int, Any]:
     number, task = item
-    with threadpool_limits(1), printing_aside(aside):
+    with one_thread(), printing_aside(aside):
         return number, function(task)

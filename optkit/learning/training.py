@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from optkit.basics.arrays import Floats, Ints, floats, number, read_only, whole_number
 from optkit.basics.errors import InputError, TrainingError
+from optkit.basics.parallel import one_thread
 from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario, Split
@@ -172,7 +172,7 @@ def train(
     rounds = len(chosen.deviations)
     outcomes, failures = [], []
     # Everything here is many small products, which threads only slow down.
-    with threadpool_limits(limits=1):
+    with one_thread():
         for number in range(chosen.seeds):
             found = kept.load(number)
             if found is None:

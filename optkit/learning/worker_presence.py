@@ -6,9 +6,11 @@ worker follows an idle step with probability 0.39, and eight busy ones with 0.72
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats
+from optkit.basics.arrays import Bools, Floats, read_only
 from optkit.instances.queue import busy_steps
 
 LONGEST = 12
@@ -42,18 +44,20 @@ def presence_after(seen: Bools, within: Bools | None = None) -> Floats:
     before = np.concatenate([np.zeros((1, B), np.int64), np.minimum(busy_steps(seen), LONGEST)[:-1]])
     cell = np.arange(T)[:, None] * (LONGEST + 1) + before
     count = np.stack([np.bincount(cell[(seen == one) & inside], minlength=table.size) for one in (False, True)])
-    return _fitted(*count.reshape(2, T, LONGEST + 1).astype(float))
+    return _fitted(count.astype(float).tobytes())
 
 
-def _fitted(absent: Floats, present: Floats) -> Floats:
-    """Fit the regression to how often no worker and one came, by step and busy stretch, (T, LONGEST + 1) both.
+@lru_cache(maxsize=32)
+def _fitted(counted: bytes) -> Floats:
+    """Fit the regression to how often no worker and one came, by step and busy stretch, (2, T, LONGEST + 1) floats.
 
-    The same program, start and precision as ``sklearn.linear_model.LogisticRegression``, which takes two seconds to
+    It is kept, as all rounds and seeds of a training see the same workers. The same program, start and precision as ``sklearn.linear_model.LogisticRegression``, which takes two seconds to
     load.
     """
     from scipy.optimize import minimize
     from scipy.special import expit
 
+    absent, present = np.frombuffer(counted).reshape(2, -1, LONGEST + 1)
     T = len(absent)
     total = float(absent.sum() + present.sum())
 
@@ -75,4 +79,4 @@ def _fitted(absent: Floats, present: Floats) -> Floats:
         method="L-BFGS-B",
         options={"maxiter": 1000, "maxls": 50, "gtol": 1e-4, "ftol": 64 * np.finfo(float).eps},
     )
-    return np.asarray(expit(score(found.x)))
+    return read_only(np.asarray(expit(score(found.x))))

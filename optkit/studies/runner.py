@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from optkit.basics.errors import InputError, OptkitError
-from optkit.basics.parallel import check_jobs
+from optkit.basics.parallel import check_jobs, one_thread
 from optkit.basics.plain_json import to_json
 from optkit.studies.cells import Cell
 from optkit.studies.policies import POLICIES, Spec
@@ -333,15 +333,13 @@ def _backend(client: Any) -> Any:
 
 def _attempt(cell: Cell, trips: tuple[str, ...]) -> tuple[str, Outcome]:
     """Work a cell out, and say why if that fails. One BLAS thread, so that the last digit is the same everywhere."""
-    from threadpoolctl import threadpool_limits
-
     from optkit.studies.run_cell import run_cell  # here, since it loads nearly all of the kit: to plan needs none of it
 
     started = time.perf_counter()
     try:
         if str(POLICIES.get(cell.settings.get("policy", ""), Spec()).value).startswith("attention"):
             import optkit.models.value.attention.network  # noqa: F401  # what is loaded later would keep its threads
-        with threadpool_limits(1):
+        with one_thread():
             result = json.loads(to_json(run_cell(cell, trips)))  # as it will be read again
         return cell.key, Outcome(result, time.perf_counter() - started, None)
     except Exception as error:  # a failed cell, of whatever cause, must not stop the others
