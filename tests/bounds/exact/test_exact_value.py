@@ -142,6 +142,17 @@ class ExactValueFunction:
         return self.solution.opportunity_cost(state.step, state.pickup, state.steps_left, state.offered, length)
 
 
+@pytest.fixture(scope="module")
+def scarce():
+    """The exact value of the model that most tests look at, and its tables."""
+    return exact_value(SCARCE)
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return solve_exactly(SCARCE)
+
+
 def mean_and_error(x):
     return x.mean(), x.std(ddof=1) / np.sqrt(x.size)
 
@@ -176,7 +187,7 @@ def test_two_steps_by_hand():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(15))
 def test_random_models_agree_with_brute_force(seed):
     """Values, post-decision values and opportunity costs; 1e-9 is what L-BFGS-B may leave."""
     model, joint = random_model(seed)
@@ -196,7 +207,7 @@ def test_random_models_agree_with_brute_force(seed):
 
 def test_brute_force_sees_every_feature():
     """The random models between them have queues, dependent arrivals, two groups, and identical requests."""
-    models = [random_model(seed)[0] for seed in range(30)]
+    models = [random_model(seed)[0] for seed in range(15)]
     assert {m.queue for m in models} == {0, 1, 2}
     assert {m.mu.size for m in models} == {1, 2}
     assert {m.joint_arrivals is None for m in models} == {True, False}
@@ -225,9 +236,9 @@ def test_opportunity_costs_are_differences_of_values():
 
 @pytest.mark.slow
 def test_the_optimal_policy_earns_the_exact_value_and_others_less():
-    """1,000 instances through the simulator: the mean within 4 standard errors; paired losses beyond 4 of theirs."""
+    """500 instances through the simulator: the mean within 4 standard errors; paired losses beyond 4 of theirs."""
     solution = solve_exactly(CHOOSY)
-    days = CHOOSY.sample(1000, seed=1)
+    days = CHOOSY.sample(500, seed=1)
     best = simulate(days, PostDecisionPricing(value_function=ExactValueFunction(solution))).reward
     mean, error = mean_and_error(best)
     assert abs(mean - solution.value) <= 4 * error
@@ -241,9 +252,9 @@ def test_the_optimal_policy_earns_the_exact_value_and_others_less():
 @pytest.mark.slow
 @pytest.mark.parametrize("queue", [1, 3])
 def test_with_a_queue_the_policy_that_sees_it_earns_the_exact_value(queue):
-    """Workers come in pairs or not at all and wait in optkit's own queue; 4 standard errors over 1,000 instances."""
+    """Workers come in pairs or not at all and wait in optkit's own queue; 4 standard errors over 500 instances."""
     model = replace(CHOOSY, workers=np.array([0.75, 0.0, 0.25]), queue=queue)
-    draws = [model.draw(child) for child in np.random.SeedSequence(2).spawn(1000)]
+    draws = [model.draw(child) for child in np.random.SeedSequence(2).spawn(500)]
     solution = solve_exactly(model)
     policy = PostDecisionPricing(value_function=ExactValueFunction(solution, np.array([draw.queue for draw in draws])))
     mean, error = mean_and_error(simulate([draw.instance for draw in draws], policy).reward)
@@ -255,9 +266,9 @@ def test_with_a_queue_the_policy_that_sees_it_earns_the_exact_value(queue):
 @pytest.mark.slow
 @pytest.mark.parametrize("queue", [0, 2])
 def test_full_information_is_worth_more(queue):
-    """The mean full-information bound over 300 instances lies above the exact value by 4 standard errors."""
+    """The mean full-information bound over 150 instances lies above the exact value by 4 standard errors."""
     model = replace(SCARCE, workers=np.array([0.6, 0.2, 0.2]), queue=queue)
-    mean, error = mean_and_error(np.array([full_information(day).value for day in model.sample(300, seed=3)]))
+    mean, error = mean_and_error(np.array([full_information(day).value for day in model.sample(150, seed=3)]))
     assert mean - 4 * error > exact_value(model).value
 
 
@@ -337,41 +348,38 @@ def lowered(certificate, name, step, where, by):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [1e-6, 0.1, 50.0])
-def test_a_lowered_profit_proves_no_less(by):
+def test_a_lowered_profit_proves_no_less(scarce, by):
     """A bound on one decision's profit that is too small fails its dual, and is raised until it does not."""
-    bound = exact_value(SCARCE)
-    forged = lowered(bound.certificate, "profit", 4, (17, 0, 1), by)
-    assert forged.check(SCARCE).bound >= bound.value + 0.3 * by
+    forged = lowered(scarce.certificate, "profit", 4, (17, 0, 1), by)
+    assert forged.check(SCARCE).bound >= scarce.value + 0.3 * by
     with pytest.raises(SolverError, match="claimed"):
-        prove(replace(bound, certificate=forged, value=bound.value - by), SCARCE)
+        prove(replace(scarce, certificate=forged, value=scarce.value - by), SCARCE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [1e-3, 0.1, 50.0, -50.0])
 @pytest.mark.parametrize("where", [0, 5, slice(None)])
-def test_changed_values_never_prove_less_than_the_truth(by, where):
-    bound = exact_value(SCARCE)
-    forged = lowered(bound.certificate, "value", 4, where, by)
+def test_changed_values_never_prove_less_than_the_truth(scarce, by, where):
+    forged = lowered(scarce.certificate, "value", 4, where, by)
     verdict = forged.check(SCARCE)
-    assert verdict.bound >= bound.value - 1e-9
-    assert verdict.attained <= bound.value + 1e-9
+    assert verdict.bound >= scarce.value - 1e-9
+    assert verdict.attained <= scarce.value + 1e-9
     with pytest.raises(SolverError, match="claimed"):
-        prove(replace(bound, certificate=forged, value=bound.value - 1e-3), SCARCE)
+        prove(replace(scarce, certificate=forged, value=scarce.value - 1e-3), SCARCE)
 
 
-def test_tables_that_are_all_too_low_prove_the_truth():
+def test_tables_that_are_all_too_low_prove_the_truth(scarce):
     """Lowered by the same amount up to a step, they agree with each other, and fall short at the step that follows."""
-    bound = exact_value(SCARCE)
-    value = tuple(table - 50.0 * (step <= 4) for step, table in enumerate(bound.certificate.value))
-    verdict = replace(bound.certificate, value=value).check(SCARCE)
-    assert verdict.bound == pytest.approx(bound.value, abs=1e-9)  # rounding of sums of some hundred money
-    assert verdict.attained == pytest.approx(bound.value, abs=1e-9)
+    value = tuple(table - 50.0 * (step <= 4) for step, table in enumerate(scarce.certificate.value))
+    verdict = replace(scarce.certificate, value=value).check(SCARCE)
+    assert verdict.bound == pytest.approx(scarce.value, abs=1e-9)  # rounding of sums of some hundred money
+    assert verdict.attained == pytest.approx(scarce.value, abs=1e-9)
 
 
 @pytest.mark.slow
-def test_looser_tables_are_a_looser_bound():
+def test_looser_tables_are_a_looser_bound(scarce):
     """Profits that are too high, with values to match, still prove what they say."""
-    certificate = exact_value(SCARCE).certificate
+    certificate = scarce.certificate
     steps = np.arange(SCARCE.horizon)[::-1]
     loose = replace(
         certificate,
@@ -379,13 +387,13 @@ def test_looser_tables_are_a_looser_bound():
         value=tuple(table + float(left) for table, left in zip(certificate.value, steps, strict=True)),
     )
     verdict = loose.check(SCARCE)
-    assert verdict.bound == pytest.approx(exact_value(SCARCE).value + 0.4 * SCARCE.horizon, abs=6.1)
-    assert exact_value(SCARCE).value < verdict.bound < np.inf
-    assert verdict.attained < exact_value(SCARCE).value
+    assert verdict.bound == pytest.approx(scarce.value + 0.4 * SCARCE.horizon, abs=6.1)
+    assert scarce.value < verdict.bound < np.inf
+    assert verdict.attained < scarce.value
 
 
-def test_tables_of_another_model_and_tables_with_nan_are_refused():
-    certificate = exact_value(SCARCE).certificate
+def test_tables_of_another_model_and_tables_with_nan_are_refused(scarce):
+    certificate = scarce.certificate
     for other in (replace(SCARCE, lifetime=[3, 3, 3]), replace(SCARCE, horizon=9), replace(SCARCE, queue=1)):
         with pytest.raises(InputError, match=r"another model's"):
             certificate.check(other)
@@ -421,9 +429,8 @@ def test_the_limit_is_passed_on():
         ((4, [[0], [0]], [1], None, [0, 0, 0]), "do not fit"),
     ],
 )
-def test_a_set_that_cannot_wait_is_refused_in_one_line(arguments, message):
-    solution = solve_exactly(SCARCE)
-    for function in (solution.post_decision_value, solution.opportunity_cost):
+def test_a_set_that_cannot_wait_is_refused_in_one_line(tables, arguments, message):
+    for function in (tables.post_decision_value, tables.opportunity_cost):
         with pytest.raises(InputError, match=message) as caught:
             function(*arguments)
         assert "\n" not in str(caught.value)

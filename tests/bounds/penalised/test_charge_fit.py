@@ -14,7 +14,7 @@ from optkit.bounds.penalised.linear_charges import LinearCharges
 from optkit.bounds.penalised.penalized_dual import penalized_dual
 
 SOURCE = scenario("II", seed=0, horizon=30)
-TRAIN, FRESH = SOURCE.sample(100, seed=1), SOURCE.sample(120, seed=2)
+TRAIN, FRESH = SOURCE.sample(80, seed=1), SOURCE.sample(80, seed=2)
 
 
 @cache
@@ -36,17 +36,17 @@ def mean_dual(days, charges):
 def test_the_mean_is_that_of_the_bounds_one_by_one(fitted):
     """All instances as one market, to the tolerance of the dual, 1e-6 of the gain."""
     theta = fitted.theta.ravel()
-    value, _ = mean_dual(TRAIN[:20], fitted).with_gradient(theta, 0.02)
-    alone = np.mean([penalized_dual(day, fitted).value - day.penalty.sum() for day in TRAIN[:20]])
+    value, _ = mean_dual(TRAIN[:8], fitted).with_gradient(theta, 0.02)
+    alone = np.mean([penalized_dual(day, fitted).value - day.penalty.sum() for day in TRAIN[:8]])
     assert value == pytest.approx(alone + 0.01 * (theta @ theta), rel=1e-5)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_gradient_is_that_of_finite_differences(fitted, seed):
     """Central differences of 0.05 money, whose own error is the third derivative's and the tolerance's."""
     rng = np.random.default_rng(seed)
-    theta, mean = rng.normal(0, 5, fitted.theta.size), mean_dual(TRAIN[:20], fitted)
+    theta, mean = rng.normal(0, 5, fitted.theta.size), mean_dual(TRAIN[:8], fitted)
     slope = mean.with_gradient(theta, 0.01)[1]
     for k in range(theta.size):
         step = np.zeros(theta.size)
@@ -59,7 +59,7 @@ def test_the_gradient_is_that_of_finite_differences(fitted, seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_mean_is_convex(fitted, seed):
     rng = np.random.default_rng(seed)
-    mean = mean_dual(TRAIN[:20], fitted)
+    mean = mean_dual(TRAIN[:8], fitted)
     one, other = rng.normal(0, 10, (2, fitted.theta.size))
     ends, middle = [mean.with_gradient(x, 0.0)[0] for x in (one, other)], mean.with_gradient((one + other) / 2, 0.0)[0]
     assert middle <= np.mean(ends) - 1e-3
@@ -69,7 +69,7 @@ def test_the_mean_is_convex(fitted, seed):
 @pytest.mark.parametrize("luck", [1.0, 0.4])
 def test_it_ends_at_a_minimum(fitted, luck):
     """The slope has fallen to a hundredth, and no random coefficients do better on the training instances."""
-    mean = mean_dual(TRAIN, fitted)
+    mean = mean_dual(TRAIN[:30], fitted)
     mean.luck = luck
     theta = mean.minimum(fitted.theta.ravel(), 0.01, 50)
     best, slope = mean.with_gradient(theta, 0.01)
@@ -115,9 +115,9 @@ def test_where_dozens_wait_luck_is_not_taken_for_gain():
 
 @pytest.mark.slow
 def test_a_large_ridge_charges_nothing_and_no_requests_charge_workers_only():
-    tame = fit_linear_charges(TRAIN[:20], workers(), 0.5, ridge=1e9)
+    tame = fit_linear_charges(TRAIN[:8], workers(), 0.5, ridge=1e9)
     assert np.abs(tame.theta).max() < 1e-6
-    alone = fit_linear_charges(TRAIN[:20], workers())
+    alone = fit_linear_charges(TRAIN[:8], workers())
     assert alone.theta.shape == (1, 2, 3)
     assert np.abs(alone.theta).max() > 0.1
 
@@ -134,7 +134,7 @@ def test_knots_are_spread_or_given():
 
 @pytest.mark.slow
 def test_the_same_instances_give_the_same_charges():
-    one, again = (fit_linear_charges(TRAIN[:10], workers(), 0.5) for _ in range(2))
+    one, again = (fit_linear_charges(TRAIN[:4], workers(), 0.5) for _ in range(2))
     assert np.array_equal(one.theta, again.theta)
 
 

@@ -133,17 +133,17 @@ def test_what_might_have_arrived_is_what_arrives_elsewhere_at_that_step(nothing)
 @pytest.mark.slow
 @pytest.mark.parametrize("nothing", [None, 0.6])
 def test_draws_represent_the_pool(nothing):
-    """Means over 500 draws of 3 within 4 standard errors of the pool's, whatever comes being weighed by its reward."""
+    """Means over 150 draws of 3 within 4 standard errors of the pool's, whatever comes being weighed by its reward."""
     foresight = Foresight([0.5], THIRDS, POOL, nothing, draws=3)
     step = 4
     of_pool = np.array([one.reward[one.arrival == step].sum() for one in POOL])
     expected = of_pool.mean() if nothing is None else (1 - nothing) * of_pool[of_pool > 0].mean()
     means = []
-    for seed in range(500):
+    for seed in range(150):
         found = surroundings(DAY, foresight, np.random.default_rng(seed))
         reward = np.append(found.requests.reward, 0.0)
         means.append(found.weight[step] @ reward[found.drawn[step]].sum(axis=1))
-    assert np.mean(means) == pytest.approx(expected, abs=4 * np.std(means) / np.sqrt(500))
+    assert np.mean(means) == pytest.approx(expected, abs=4 * np.std(means) / np.sqrt(150))
     assert np.std(means) > 0
 
 

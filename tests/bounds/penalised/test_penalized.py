@@ -22,7 +22,7 @@ from optkit.models.value import LinearValue
 from optkit.models.value.request_sets import ZeroSetValue
 
 seeds = st.integers(0, 2**32 - 1)
-bounded = settings(derandomize=True, deadline=None, max_examples=40)
+bounded = settings(derandomize=True, deadline=None, max_examples=25)
 
 SOURCE = scenario("II", seed=0, horizon=14, request_rate=0.7)
 DAYS = SOURCE.sample(12, seed=1)
@@ -31,7 +31,7 @@ FORESIGHT = Foresight(fifo_presence(0.5), np.full(3, 1 / 3), SOURCE.sample(60, s
 
 @pytest.fixture(scope="module")
 def value():
-    return train(SOURCE.sample(100, seed=3), LinearValue(busy_knots=(0.0, 2.0)), choice="true").value
+    return train(SOURCE.sample(60, seed=3), LinearValue(busy_knots=(0.0, 2.0)), choice="true").value
 
 
 def bound_of(induction, charge):
@@ -95,7 +95,7 @@ def test_the_noise_is_not_looked_at(value):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [0, 2, 12])
-@pytest.mark.parametrize("day", DAYS[:3])
+@pytest.mark.parametrize("day", DAYS[:2])
 def test_every_bound_is_proven_and_reached(day, value, limit):
     """Also that of a hybrid, whose charges are worked out anew; 1e-8 is a few roundings of the money in play."""
     bound = penalized(day, value, FORESIGHT, limit=limit)
@@ -168,7 +168,7 @@ def test_a_limit_is_a_whole_number(limit):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("charged", [0, 2])
-@pytest.mark.parametrize("day", DAYS[2:5])
+@pytest.mark.parametrize("day", DAYS[2:4])
 def test_fewer_requests_may_be_charged_for_than_are_told_apart(value, day, charged):
     bound = penalized(day, value, FORESIGHT, charged=charged)
     assert bound.solver.method == "exact"
@@ -233,7 +233,7 @@ def two_kinds(horizon, lifetime, groups):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("horizon", "lifetime"), [(2, 1), (3, 1), (3, 2), (5, 4)])
+@pytest.mark.parametrize(("horizon", "lifetime"), [(2, 1), (3, 2), (4, 3)])
 def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime):
     """All groups enumerated. Were requests chosen for tracking with foresight, several of these would lie below."""
     model = SmallModel(
@@ -254,19 +254,20 @@ def test_the_hybrid_is_a_bound_in_the_mean(horizon, lifetime):
 
 @pytest.mark.slow
 def test_the_hybrid_lies_above_the_exact_lattice_in_the_mean(value):
-    """Over 8 instances, within 4 standard errors of the difference; with nothing tracked it is far above."""
+    """Over 6 instances, within 4 standard errors of the difference; with nothing tracked it is far above."""
     means = {}
-    whole = np.array([penalized(day, value, FORESIGHT, seed=k).value for k, day in enumerate(DAYS[:8])])
-    for limit in (0, 3, 12):
-        some = [penalized(day, value, FORESIGHT, seed=k, limit=limit).value for k, day in enumerate(DAYS[:8])]
+    whole = np.array([penalized(day, value, FORESIGHT, seed=k).value for k, day in enumerate(DAYS[:6])])
+    for limit in (0, 3):
+        some = [penalized(day, value, FORESIGHT, seed=k, limit=limit).value for k, day in enumerate(DAYS[:6])]
         more = np.array(some) - whole
         means[limit] = more.mean()
         assert more.mean() >= -4 * more.std(ddof=1) / np.sqrt(more.size)
-    assert means[0] > means[12] == 0.0
+    assert means[0] > 0.0
+    assert penalized(DAYS[0], value, FORESIGHT, seed=0, limit=12).value == whole[0]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("day", DAYS[:4])
+@pytest.mark.parametrize("day", DAYS[:2])
 def test_a_hybrid_that_charges_nothing_is_that_of_the_arrivals(day, value):
     """Nothing tracked: the Lagrangian bound, less charges that are the same for all policies."""
     bound = penalized(day, value, FORESIGHT, limit=0)

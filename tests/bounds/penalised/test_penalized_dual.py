@@ -22,7 +22,7 @@ from optkit.bounds.penalised.linear_charges import LinearCharges
 from optkit.bounds.penalised.penalized_dual import charged_market, penalized_dual
 
 seeds = st.integers(0, 2**32 - 1)
-bounded = settings(derandomize=True, deadline=None, max_examples=40)
+bounded = settings(derandomize=True, deadline=None, max_examples=25)
 
 
 def charges_for(day, seed, scale=10.0):
@@ -51,9 +51,9 @@ def by_formula(day, charges, multipliers):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_dual_is_its_formula_and_optimal(random_instance, seed):
-    """At its own multipliers to rounding, and nowhere less at 200 others."""
+    """At its own multipliers to rounding, and nowhere less at 100 others."""
     rng = np.random.default_rng(seed)
     day = random_instance(rng, requests=10, workers=7, lifetime=4.0, groups=2)
     charges = charges_for(day, seed)
@@ -62,7 +62,7 @@ def test_the_dual_is_its_formula_and_optimal(random_instance, seed):
     assert bound.value == pytest.approx(by_formula(day, charges, best), abs=1e-9)
     assert abs(prove(bound, day).gap) <= 1e-6  # the tolerance, 1e-9 of the gain, and rounding
     market, paid = charged_market(day, charges)
-    for _ in range(200):
+    for _ in range(100):
         other = np.maximum(best + rng.normal(0, rng.choice([0.1, 5.0]), best.size), 0.0)
         assert market.verdict(other).bound - paid >= bound.value - 1e-6
 
