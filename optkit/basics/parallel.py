@@ -74,9 +74,10 @@ def in_parallel(
 def one_thread() -> AbstractContextManager[Any]:
     """Return a context in which the libraries of linear algebra take one thread each.
 
-    To look for them takes milliseconds, as long as many a task: they are looked for again once a module was imported.
+    To look for them takes milliseconds, as long as many a task: that is done anew once a module was imported.
     """
-    return _libraries(len(sys.modules)).limit(limits=1)
+    limited: AbstractContextManager[Any] = _libraries(len(sys.modules)).limit(limits=1)
+    return limited
 
 
 @lru_cache(maxsize=1)

@@ -51,8 +51,8 @@ def presence_after(seen: Bools, within: Bools | None = None) -> Floats:
 def _fitted(counted: bytes) -> Floats:
     """Fit the regression to how often no worker and one came, by step and busy stretch, (2, T, LONGEST + 1) floats.
 
-    It is kept, as all rounds and seeds of a training see the same workers. The same program, start and precision as ``sklearn.linear_model.LogisticRegression``, which takes two seconds to
-    load.
+    It is kept, as all rounds and seeds of a training see the same workers. The same program, start and precision as
+    ``sklearn.linear_model.LogisticRegression``, which takes two seconds to load.
     """
     from scipy.optimize import minimize
     from scipy.special import expit
