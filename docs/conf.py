@@ -1,5 +1,6 @@
 """How the documentation site is built: sphinx-build -W docs docs/_build (see docs/contributors.md)."""
 
+import gc
 import sys
 from pathlib import Path
 
@@ -7,6 +8,9 @@ from jinja2.sandbox import SandboxedEnvironment
 from numpydoc import docscrape_sphinx
 
 import optkit
+
+# Nearly all that a build makes stays to its end: to look for garbage in it takes a third of the time.
+gc.disable()
 
 # numpydoc makes an environment for each docstring, and so would compile its template a thousand times.
 environments: dict[type, SandboxedEnvironment] = {}
@@ -46,6 +50,7 @@ pygments_dark_style = "a11y-high-contrast-dark"
 
 # Types stand in the docstrings, with their shapes and units.
 autodoc_typehints = "none"
+autodoc_use_type_comments = False
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88

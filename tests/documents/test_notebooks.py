@@ -105,13 +105,23 @@ def turned_round(notebook, folder):
     return folder / notebook.name
 
 
+SCRIPTS = """
+import runpy, sys
+for path in sys.argv[1:]:
+    print("begun", path, file=sys.stderr)
+    runpy.run_path(path, run_name="__main__")
+"""
+"""Runs scripts one after the other, as long as none fails."""
+
+
 @pytest.mark.slow
 def test_a_script_ends_as_its_claims_say(surroundings, tmp_path):
     """Run as a script, a notebook is silent; with an assertion turned round it leaves with an error."""
     notebook = NOTEBOOKS[2]  # the quickest; all end in the same lines
-    done = run(notebook, cwd=tmp_path, env=surroundings)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    done = run(turned_round(notebook, tmp_path), cwd=tmp_path, env=surroundings)
+    false = turned_round(notebook, tmp_path)
+    done = run("-c", SCRIPTS, notebook, false, cwd=tmp_path, env=surroundings)
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"begun {notebook}\nbegun {false}\n")
     assert done.returncode != 0
     assert "AssertionError" in done.stderr
     for path in NOTEBOOKS:
@@ -211,18 +221,18 @@ def post_decision(steps):
     return {"by-hand": value, "exact": value}
 
 
+MOVES = [
+    ("1_choice", "Compensation of request 1", 1, choice),
+    ("2_concavity", "How far along the way", -1, concavity),
+    ("3_markup", "Noise scale", 1, markup),
+    ("4_nonnegative", "Value of request 3", 1, nonnegative),
+    ("5_post_decision", "Steps", -1, post_decision),
+]
+"""A slider of each notebook, how far to move it, and what is shown where it stands."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("notebook", "slider", "steps", "expected"),
-    [
-        ("1_choice", "Compensation of request 1", 3, choice),
-        ("2_concavity", "How far along the way", -2, concavity),
-        ("3_markup", "Noise scale", 4, markup),
-        ("4_nonnegative", "Value of request 3", 5, nonnegative),
-        ("5_post_decision", "Steps", -1, post_decision),
-    ],
-)
-def test_app_shows_what_optkit_computes_and_fits_a_phone_and_the_dark(notebook, slider, steps, expected, address, page):
+def test_apps_show_what_optkit_computes_and_fit_a_phone_and_the_dark(address, page):
     """The gallery leads to each of the five, which is opened once.
 
     The numbers shown are optkit's, before and after a slider is moved with the keyboard; nothing is fetched. Then the
@@ -234,24 +244,21 @@ def test_app_shows_what_optkit_computes_and_fits_a_phone_and_the_dark(notebook, 
     expect.set_options(timeout=30_000)
     page.goto(address)
     expect(page.locator("a[href*='file=']")).to_have_count(5)
-    with page.context.expect_page() as opened:
-        page.locator(f"a[href*='{notebook}']").click()
-    app = opened.value
-    start, end = expected(0), expected(steps)
-
-    def shown(name, value):
+    for notebook, slider, step, expected in MOVES:
+        with page.context.expect_page() as opened:
+            page.locator(f"a[href*='{notebook}']").click()
+        app = opened.value
+        start, end = expected(0), expected(step)
         digits = 6 if notebook == "5_post_decision" else 4
-        expect(app.locator(f"output[data-number='{name}']")).to_have_text(f"{value:.{digits}f}")
-
-    for name, value in start.items():
-        shown(name, value)
-    app.get_by_role("slider", name=slider).focus()
-    for _ in range(abs(steps)):
-        app.keyboard.press("ArrowRight" if steps > 0 else "ArrowLeft")
-    for name, value in end.items():
-        assert abs(value - start[name]) > 1e-3
-        shown(name, value)
-    fits_a_phone_and_the_dark(app, (ROOT / "optkit" / "teach" / f"{notebook}.py").read_text())
+        for name, value in start.items():
+            expect(app.locator(f"output[data-number='{name}']"), notebook).to_have_text(f"{value:.{digits}f}")
+        app.get_by_role("slider", name=slider).focus()
+        app.keyboard.press("ArrowRight" if step > 0 else "ArrowLeft")
+        for name, value in end.items():
+            assert abs(value - start[name]) > 1e-3, notebook
+            expect(app.locator(f"output[data-number='{name}']"), notebook).to_have_text(f"{value:.{digits}f}")
+        fits_a_phone_and_the_dark(app, (ROOT / "optkit" / "teach" / f"{notebook}.py").read_text())
+        app.close()
 
 
 def fits_a_phone_and_the_dark(page, text):
@@ -295,23 +302,22 @@ def fits_a_phone_and_the_dark(page, text):
 EXPORT = """
 import sys
 from marimo._cli.cli import main
-for path in sys.argv[1:]:
-    main(["--yes", "export", "html", path, "-o", path.removesuffix(".py") + ".html"], standalone_mode=False)
+path = sys.argv[1]
+main(["--yes", "export", "html", path, "-o", path.removesuffix(".py") + ".html"], standalone_mode=False)
 """
-"""As marimo's command does, one notebook after the other."""
+"""As marimo's command does."""
 
 
 @pytest.mark.slow
 def test_export_runs_and_needs_the_net_to_be_looked_at(surroundings, tmp_path):
     """The export runs every cell and holds its output, but a browser would fetch its looks: so optkit teach serves."""
-    # Two of them: that every cell runs is seen as script and as app, and an export starts a process for each.
-    some = NOTEBOOKS[::3]
-    copies = [shutil.copy(notebook, tmp_path) for notebook in some]  # the export leaves a cache beside them
-    done = run("-c", EXPORT, *copies, cwd=tmp_path, env=surroundings)
+    # One of them: that every cell of the others runs too is seen as script and as app.
+    notebook = NOTEBOOKS[0]
+    copy = shutil.copy(notebook, tmp_path)  # the export leaves a cache beside it
+    done = run("-c", EXPORT, copy, cwd=tmp_path, env=surroundings)
     assert done.returncode == 0, done.stderr
-    for notebook in some:
-        text = (tmp_path / f"{notebook.stem}.html").read_text()
-        assert text.count("data-number") >= len(re.findall(r"<output", notebook.read_text()))
-        assert "AssertionError" not in text.replace(notebook.read_text(), "")
-        assert "marimo-error" not in text
-        assert re.search(r"<script[^>]* src=.https://cdn\.jsdelivr\.net/", text)
+    text = (tmp_path / f"{notebook.stem}.html").read_text()
+    assert text.count("data-number") >= len(re.findall(r"<output", notebook.read_text()))
+    assert "AssertionError" not in text.replace(notebook.read_text(), "")
+    assert "marimo-error" not in text
+    assert re.search(r"<script[^>]* src=.https://cdn\.jsdelivr\.net/", text)
