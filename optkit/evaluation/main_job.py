@@ -29,6 +29,8 @@ TRAININGS: dict[str, tuple[str, Choice]] = {
 }
 """Value function and choice model of each trained policy, as in :func:`optkit.learning.training.train`."""
 
+ONCE, REESTIMATED = "Learned MNL, paper's data", "Learned MNL, re-estimated"
+
 
 @dataclass(frozen=True)
 class RunResult:
@@ -111,7 +113,7 @@ def run_main_job(
     clock = timed("bounds", clock)
     learned, unlearned = _learn(split.train, tests, seed, tell)
     clock = timed("learn", clock)
-    trained, untrained = _train(split, tests, seed, tell)
+    trained, untrained = _train(split, tests, learned.get(REESTIMATED), seed, tell)
     clock = timed("train", clock)
     pricing = {"Myopic, true MNL": PostDecisionPricing()}
     pricing |= {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
@@ -146,15 +148,16 @@ def _learn(
     What cannot be learned from these instances, or does not know the places of the tests, comes second, with the
     reason: the other policies go on.
     """
+    learned: dict[str, Learned] = {}
+    failures: dict[str, str] = {}
     ways: dict[str, Callable[[], Learned]] = {
-        "Learned MNL, paper's data": lambda: learn_once(train, seed=seed),
-        "Learned MNL, re-estimated": lambda: learn_preferences(
-            train, seed=seed, progress=lambda k, n: tell("learning", k, n)
+        ONCE: lambda: learn_once(train, seed=seed),
+        REESTIMATED: lambda: learn_preferences(
+            train, seed=seed, begun=learned.get(ONCE), progress=lambda k, n: tell("learning", k, n)
         ),
     }
     if max(one.n_groups for one in train) > 1:
         ways["Single MNL, re-estimated"] = lambda: learn_preferences(train, seed=seed, pooled=True)
-    learned, failures = {}, {}
     for name, learn in ways.items():
         try:
             found = learn()
@@ -167,7 +170,7 @@ def _learn(
 
 
 def _train(
-    split: Split, tests: Sequence[Instance], seed: int, tell: Progress
+    split: Split, tests: Sequence[Instance], learned: Learned | None, seed: int, tell: Progress
 ) -> tuple[dict[str, Trained], dict[str, str]]:
     """Train value functions; one that comes to nothing, or does not know the tests, comes second with the reason."""
     trained, failures = {}, {}
@@ -178,7 +181,8 @@ def _train(
             tell("training", before + done, len(TRAININGS) * rounds)
 
         try:
-            found = train(split, value, choice=choice, seed=seed, progress=tell_round)
+            known = learned if choice == "learned" else None
+            found = train(split, value, choice=choice, learned=known, seed=seed, progress=tell_round)
             simulate(tests, found.policy)  # does it know the steps and places of the tests?
         except OptkitError as error:
             failures[name] = str(error)

@@ -100,6 +100,7 @@ def learn_preferences(
     pooled: bool = False,
     seed: int = 0,
     first: Policy | None = None,
+    begun: Learned | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Learned:
     """Learn preferences actively: price with the current estimate plus noise, log, refit on all data so far.
@@ -125,6 +126,8 @@ def learn_preferences(
         Source of the randomness.
     first : callable, optional
         Policy of the first round; random offers of 40 to 85 per cent of the reward by default.
+    begun : Learned, optional
+        What earlier rounds with these arguments found, to go on from: the same comes out as from the first round on.
     progress : callable, optional
         Called with the number of rounds done and their largest number, which is also where an early end jumps to.
 
@@ -164,7 +167,16 @@ def learn_preferences(
     policy: Policy = RandomOffers(seed=seed) if first is None else first
     logs: list[Offers] = []
     rows: list[dict[str, Any]] = []
-    for number in range(rounds):
+    done = 0
+    if begun is not None:
+        logs, rows = [begun.offers], _plain(begun.rounds)
+        done = int(begun.rounds["round"].iloc[-1])
+        if begun.converged or done >= rounds:
+            if progress is not None:
+                progress(rounds, rounds)
+            return begun
+        policy = Explore(PostDecisionPricing(choice=begun.preferences), deviation, seed=seed + done)
+    for number in range(done, rounds):
         logs.append(collect(another_day(batch.instances, seed, number), policy))
         offers = Offers.join(logs)
         absent = sorted(set(range(batch.groups)) - set(offers.group.tolist()))
@@ -173,15 +185,15 @@ def learn_preferences(
         preferences = refit(offers, pooled, attributes)
         own = _round(preferences, offers, where, truth)
         rows += [{"round": number + 1, **row} for row in own]
-        done = all(row["verdict"] != "not identified" and row["standard_error"] <= tolerance for row in own)
+        converged = all(row["verdict"] != "not identified" and row["standard_error"] <= tolerance for row in own)
         if progress is not None:
-            progress(rounds if done else number + 1, rounds)
-        if done:
+            progress(rounds if converged else number + 1, rounds)
+        if converged:
             break
         policy = Explore(PostDecisionPricing(choice=preferences), deviation, seed=seed + number + 1)
     import pandas as pd
 
-    return Learned(preferences, offers, pd.DataFrame(rows), done, tolerance)
+    return Learned(preferences, offers, pd.DataFrame(rows), converged, tolerance)
 
 
 def another_day(instances: Sequence[Instance], seed: int, number: int) -> Sequence[Instance]:
@@ -227,7 +239,7 @@ def _round(
     from optkit.models.estimation import identification
     from optkit.models.preferences.fit import utility_errors
 
-    rows = utility_errors(preferences, *where, truth).to_dict(orient="records")
+    rows = _plain(utility_errors(preferences, *where, truth))
     reports = [identification(results) for results in preferences.results]
     for row in rows:
         group = int(row["group"])
@@ -242,4 +254,8 @@ def _round(
         if reports[model].verdict == "not identified":
             row["verdict"] = "not identified"
         row["converged"] = bool(preferences.results[model].converged)
-    return [{str(key): value for key, value in row.items()} for row in rows]
+    return rows
+
+
+def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict(orient="records")]

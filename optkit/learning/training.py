@@ -93,6 +93,7 @@ def train(
     value: str | Estimator = "linear",
     *,
     choice: Choice = "learned",
+    learned: Learned | None = None,
     instances: int | None = None,
     checkpoint: str | Path | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -113,6 +114,9 @@ def train(
         ``optkit[attention]``.
     choice : {"learned", "pooled", "true"} or Preferences
         The choice model: learned along the way by group or for all groups together, the truth, or given.
+    learned : Learned, optional
+        What :func:`~optkit.learning.rounds.learn_preferences` found on the same instances with the same seed, so that
+        it is not found again; for a ``choice`` that is learned.
     instances : int, optional
         Train a scenario on so many instances drawn for it, :meth:`~optkit.instances.scenario.Scenario.further`, in
         place of the 480 of its split, and choose by as many more in proportion. A scenario with trips has few
@@ -167,8 +171,9 @@ def train(
     if chosen.seeds > 1 and not validation:
         raise InputError(f"seeds = {chosen.seeds} need validation instances to choose between them: pass a Split")
     batch = Batch.of(days)
-    course = _Course(batch, Batch.of(_moods(validation, chosen.seed)), chosen, choice)
-    kept = Checkpoint(checkpoint, asdict(chosen), estimator, choice, batch.instances, validation)
+    course = _Course(batch, Batch.of(_moods(validation, chosen.seed)), chosen, choice, learned)
+    believed = choice if learned is None else learned.preferences
+    kept = Checkpoint(checkpoint, asdict(chosen), estimator, believed, batch.instances, validation)
     rounds = len(chosen.deviations)
     outcomes, failures = [], []
     # Everything here is many small products, which threads only slow down.
@@ -218,12 +223,16 @@ class _Course:
     validation: Batch
     settings: TrainingSettings
     choice: Choice
+    learned: Learned | None
 
     def __post_init__(self) -> None:
         if int(self.batch.request_start[-1]) == 0:
             raise InputError("training needs instances with requests")
         if not isinstance(self.choice, Preferences) and self.choice not in ("learned", "pooled", "true"):
             raise InputError(f'choice = {self.choice!r}: take "learned", "pooled", "true", or Preferences')
+        if self.learned is not None and self.choice != ("pooled" if self.learned.preferences.pooled else "learned"):
+            models = "one model" if self.learned.preferences.pooled else "a model for each group"
+            raise InputError(f"choice = {self.choice!r} has no use for what was learned, {models}")
 
     @property
     def source(self) -> dict[str, Any]:
@@ -234,6 +243,8 @@ class _Course:
     @cached_property
     def _learned(self) -> Learned:
         """What all seeds begin with."""
+        if self.learned is not None:
+            return self.learned
         return learn_preferences(self.batch.instances, pooled=self.choice == "pooled", seed=self.settings.seed)
 
     def run(self, estimator: Estimator, number: int, tell: Callable[[int], object]) -> Trained:

@@ -92,10 +92,14 @@ def test_stops_at_the_tolerance(days):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same(days):
-    """Seeds settle everything; another seed sees other offers."""
-    one, again, other = (learn_preferences(days, rounds=2, seed=s) for s in (4, 4, 5))
+    """Seeds settle everything, also for who goes on from an earlier round; another seed sees other offers."""
+    one, other = (learn_preferences(days, rounds=2, seed=s) for s in (4, 5))
+    begun = learn_once(days, seed=4)
+    again = learn_preferences(days, rounds=2, seed=4, begun=begun)
     np.testing.assert_array_equal(one.preferences.weights, again.preferences.weights)
     assert one.rounds.equals(again.rounds)
+    assert again.offers.n_situations == one.offers.n_situations > begun.offers.n_situations
+    assert learn_preferences(days, rounds=1, seed=4, begun=begun) is begun
     assert (one.preferences.weights != other.preferences.weights).any()
 
 

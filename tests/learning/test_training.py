@@ -127,9 +127,17 @@ def test_given_preferences_are_used_as_they_are(world):
 
 @pytest.mark.slow
 def test_learned_preferences_are_refitted_every_round(split):
-    """The offers of every round join the data: what is learned in the end is not what was learned first."""
-    first = learn_preferences(split.train, seed=0).preferences
+    """The offers of every round join the data: what is learned in the end is not what was learned first.
+
+    Whoever has learned that first brings it along, and the same comes out.
+    """
+    learned = learn_preferences(split.train, seed=0)
+    first = learned.preferences
     trained = train(split.train, seed=0)
+    np.testing.assert_array_equal(train(split.train, learned=learned, seed=0).value.coef_, trained.value.coef_)
+    for choice in ("true", "pooled"):
+        with pytest.raises(InputError, match="no use for what was learned"):
+            train(split.train, learned=learned, choice=choice)
     error = [np.diag(one.covariance[0])[0] for one in (first, trained.preferences)]
     assert error[1] < error[0]
     assert (trained.preferences.weights != first.weights).any()
