@@ -24,6 +24,7 @@ from optkit.cli.console import say
 from optkit.cli.evaluate import evaluate
 from optkit.cli.fit import fit
 from optkit.cli.generate import generate
+from optkit.cli.instances import instances
 from optkit.cli.price import price
 from optkit.cli.run import run
 from optkit.cli.study import study
@@ -76,7 +77,7 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
         raise typer.Exit
 
 
-for verb in (run, generate, bound, certify, price, collect, fit, train, evaluate, study, teach):
+for verb in (run, generate, instances, bound, certify, price, collect, fit, train, evaluate, study, teach):
     app.command()(verb)
 
 

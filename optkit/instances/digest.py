@@ -11,9 +11,12 @@ from scipy import sparse
 
 from optkit.instances.instance import Instance
 
+LABELS = ("request_id", "worker_id", "worker_joined", "group_names", "feature_names", "clock")
+"""Fields that no number depends on: what things are called changes nothing, nor does when a worker joined."""
+
 
 def exact_digest(instances: Sequence[Instance]) -> bytes:
-    """Digest of all fields of all instances, 32 bytes; the same in every process.
+    """Digest of all that numbers depend on, of all instances, 32 bytes; the same in every process.
 
     Examples
     --------
@@ -25,6 +28,8 @@ def exact_digest(instances: Sequence[Instance]) -> bytes:
     digest = hashlib.sha256()
     for one in instances:
         for field in fields(one):
+            if field.name in LABELS:
+                continue
             value = getattr(one, field.name)
             if value is None:  # as an array it would be an address, which every process has its own of
                 digest.update(f"{field.name} none".encode())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,8 @@ from scipy import sparse
 from optkit.basics import arrays
 from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, read_only
 from optkit.basics.errors import InstanceError
+from optkit.instances.clock import Clock
+from optkit.instances.labels import Identifiers, identifiers, names_of
 from optkit.instances.queue import fifo_queue
 
 if TYPE_CHECKING:
@@ -75,6 +77,14 @@ class Instance(ReadOnlyArrays):
         whose worker comes while the request is open; other entries are dropped.
     outside_noise : (J,) float, optional
         Realised noise of the outside option. Given with ``noise`` or not at all.
+    request_id, worker_id : (n,) and (J,) text or int, optional
+        What they are called elsewhere: all text, or all whole numbers, no two alike. Simulations and files keep them.
+    worker_joined : (J,) int, optional
+        Step at which each worker joined the queue, at most ``worker_step``, non-decreasing.
+    group_names, feature_names : sequence of str, optional
+        What the groups and the features are called.
+    clock : Clock, optional
+        When step 0 begins and how long a step is.
 
     Raises
     ------
@@ -111,6 +121,12 @@ class Instance(ReadOnlyArrays):
     outside_utility: float | Floats = 0.0
     noise: Floats | sparse.csr_array | None = None
     outside_noise: Floats | None = None
+    request_id: Identifiers | None = None
+    worker_id: Identifiers | None = None
+    worker_joined: Ints | None = None
+    group_names: tuple[str, ...] | None = None
+    feature_names: tuple[str, ...] | None = None
+    clock: Clock | None = None
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
@@ -132,7 +148,30 @@ class Instance(ReadOnlyArrays):
         outside = _real("outside_utility", self.outside_utility)
         put("outside_utility", _floats("outside_utility", outside, (self.mu.size,)) if outside.ndim else float(outside))
         self._check_rules()
+        self._check_labels()
         self._check_noise()
+
+    def _check_labels(self) -> None:
+        sizes = {"request_id": self.n_requests, "worker_id": self.n_workers}
+        for name, size in sizes.items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, identifiers(name, getattr(self, name), size))
+        counts = {"group_names": self.n_groups, "feature_names": self.features.shape[1]}
+        for name, size in counts.items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, names_of(name, getattr(self, name), size))
+        if self.clock is not None and not isinstance(self.clock, Clock):
+            raise InstanceError(f"clock is a {type(self.clock).__name__}, not a Clock")
+        if self.worker_joined is not None:
+            joined = _ints("worker_joined", self.worker_joined, (self.n_workers,))
+            object.__setattr__(self, "worker_joined", joined)
+            early = (joined > self.worker_step) | (np.diff(joined, prepend=joined[:1]) < 0)
+            if early.any():
+                j = int(early.argmax())
+                raise InstanceError(
+                    f"worker_joined[{j}] = {joined[j]} comes before those in front of him joined, or after he is seen "
+                    f"at step {self.worker_step[j]}"
+                )
 
     def _check_rules(self) -> None:
         at_request = (
@@ -328,12 +367,14 @@ class Instance(ReadOnlyArrays):
     @classmethod
     def from_frames(
         cls,
-        requests: pd.DataFrame,
-        workers: pd.DataFrame,
+        requests: Any,
+        workers: Any,
         *,
-        mu: npt.ArrayLike = 1.0,
-        outside_utility: float | npt.ArrayLike = 0.0,
+        mu: npt.ArrayLike | Mapping[str, float] = 1.0,
+        outside_utility: float | npt.ArrayLike | Mapping[str, float] = 0.0,
         horizon: int | None = None,
+        start: Any = None,
+        step: Any = None,
         features: Sequence[str] = (),
         queue: bool = False,
     ) -> Instance:
@@ -341,22 +382,27 @@ class Instance(ReadOnlyArrays):
 
         Parameters
         ----------
-        requests : DataFrame
-            Columns ``arrival``, ``expiry``, ``reward``, ``penalty``, ``pickup``, ``dropoff``, and ``utility`` for one
-            worker group or ``utility_0``, ``utility_1``, ... for several. ``penalty``, ``pickup`` and ``dropoff``
-            may be left out and are then 0. Other columns play no part.
-        workers : DataFrame
-            Column ``step``; ``group`` (0) may be left out. Any order.
-        mu, outside_utility : float or (D,) float
+        requests : DataFrame, or table of polars or pyarrow
+            Columns ``arrival``, ``expiry``, ``reward``, ``penalty``, ``pickup``, ``dropoff``, ``request_id``, and
+            ``utility`` for one worker group or for all, or one for each: ``utility_bike``, ``utility_car``, or
+            ``utility_0``, ``utility_1``. ``penalty``, ``pickup`` and ``dropoff`` may be left out and are then 0.
+        workers : DataFrame, or table of polars or pyarrow
+            ``joined``, when each joined the queue, which makes the step at which he is seen; or ``step``, when he was
+            seen; or both. ``group``, by name or number, and ``worker_id`` may be left out. Any order.
+        mu, outside_utility : float, (D,) float, or dict of group to float
             Noise scale and utility of rejecting, in money: per group, or one number for all.
         horizon : int, optional
             Number of steps; one more than the last step that the tables name, unless given.
+        start : str or Timestamp, optional
+            Where times are timestamps: when step 0 begins. A time of day is one of the date of the first row. Without
+            it, the first time in the tables, down to a multiple of a step.
+        step : str, Timedelta or float
+            Where times are timestamps: how long a step is, as ``"15s"`` or in seconds. ``arrival`` and ``joined`` fall
+            into a step; a deadline at the very beginning of a step belongs to the one before.
         features : sequence of str
             The columns of ``requests`` that make up the feature matrix, travel time last.
         queue : bool
-            Treat ``step`` as the arrival in a first-in first-out queue, see :func:`fifo_queue`; workers whose
-            turn falls beyond the horizon are left out, with a :class:`~optkit.instances.frames.LeftOutWarning` that
-            counts them.
+            Treat ``step`` as ``joined``.
 
         Returns
         -------
@@ -366,21 +412,49 @@ class Instance(ReadOnlyArrays):
         Raises
         ------
         InstanceError
-            If a column is missing or nearly has the name of one that may be left out, or the instance breaks a rule.
+            If a column is missing or nearly has the name of one that may be left out, a row has no group, time or
+            number where it needs one, or the instance breaks a rule.
+
+        Warns
+        -----
+        LeftOutWarning
+            If a row has no part in the instance: workers whose turn does not come before the day ends, and, where times
+            are timestamps, whatever comes before the start or after the end. Also of columns that play no part.
 
         Examples
         --------
         >>> import pandas as pd
-        >>> requests = pd.DataFrame(
-        ...     {"arrival": [0, 1], "expiry": [2, 3], "reward": [30.0, 40.0], "utility": [-9.0, -8.0]}
-        ... )
-        >>> workers = pd.DataFrame({"step": [1, 1, 2]})
-        >>> Instance.from_frames(requests, workers, queue=True).worker_step
-        array([1, 2, 3])
+        >>> requests = pd.DataFrame({"reward": [30.0, 40.0], "utility_bike": [-9.0, -8.0],
+        ...                          "arrival": ["2026-03-02T08:00:05", "2026-03-02T08:00:20"],
+        ...                          "expiry": ["2026-03-02T08:01:00", "2026-03-02T08:02:00"]})
+        >>> workers = pd.DataFrame({"joined": ["2026-03-02T08:00:16", "2026-03-02T08:00:17"], "group": "bike"})
+        >>> day = Instance.from_frames(requests, workers, start="08:00", step="15s")
+        >>> day.arrival, day.expiry, day.worker_step, day.group_names
+        (array([0, 1]), array([3, 7]), array([1, 2]), ('bike',))
         """
-        from optkit.instances.frames import fields_from_frames
+        from optkit.instances.frames import fields_of, understood
 
-        return cls(**fields_from_frames(requests, workers, mu, outside_utility, horizon, features, queue))
+        tables = understood(requests, workers, features, queue)
+        made = cls(**fields_of(tables, mu=mu, outside_utility=outside_utility, horizon=horizon, start=start, step=step))
+        tables.account.warn(stacklevel=2)
+        return made
+
+    def to_frames(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Return the requests and the workers as two tables, which :meth:`from_frames` takes.
+
+        What no column holds is to be given again: mu, the outside utility, the horizon, the clock, and ``features=``.
+        The noise is in neither.
+
+        Examples
+        --------
+        >>> from optkit import scenario
+        >>> requests, workers = scenario("I.2", seed=0).sample(1, seed=1)[0].to_frames()
+        >>> workers.columns.tolist()
+        ['step']
+        """
+        from optkit.instances.frames import tables_of
+
+        return tables_of(self)
 
     def __repr__(self) -> str:
         kind = "not realised" if self.noise is None else "sparse" if sparse.issparse(self.noise) else "dense"
@@ -404,4 +478,6 @@ def _same(a: Any, b: Any) -> bool:
         )
     if sparse.issparse(a) or sparse.issparse(b) or (a is None) != (b is None):
         return False
+    if isinstance(a, Clock):
+        return bool(a == b)
     return bool(np.array_equal(a, b))

@@ -13,6 +13,7 @@ from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, read_only, rea
 from optkit.basics.errors import PolicyError
 from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
+from optkit.instances.labels import Identifiers
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
 
@@ -42,6 +43,8 @@ class Simulation:
         What the worker was paid, in money; NaN for none.
     expired : (B, n) bool
         Which requests expired unserved; padded with False to the largest number of requests.
+    request_id, worker_id : tuple of arrays or None
+        What the requests and the workers of each run are called, if they are called anything.
     """
 
     reward: Floats
@@ -50,6 +53,8 @@ class Simulation:
     accepted: Ints
     compensation: Floats
     expired: Bools
+    request_id: tuple[Identifiers | None, ...] | None = None
+    worker_id: tuple[Identifiers | None, ...] | None = None
 
     @property
     def served(self) -> Ints:
@@ -57,11 +62,28 @@ class Simulation:
         return np.asarray((self.accepted >= 0).sum(axis=1))
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per accepted request: ``run``, ``worker``, ``request``, ``compensation``."""
+        """One row per accepted request: ``run``, ``worker``, ``request``, ``compensation``.
+
+        Where the instances say what things are called, also ``worker_id`` and ``request_id``, by which it is joined to
+        the tables that the instances were made of.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> from optkit import scenario
+        >>> day = scenario("I.1", seed=0, horizon=4).sample(1, seed=1)[0]
+        >>> named = replace(day, request_id=[f"order {i}" for i in range(day.n_requests)])
+        >>> simulate(named, lambda state: state.reward).to_frame()["request_id"].tolist()
+        ['order 1', 'order 0', 'order 2']
+        """
         import pandas as pd
 
         run, worker = np.nonzero(self.accepted >= 0)
-        columns = {"run": run, "worker": worker, "request": self.accepted[run, worker]}
+        columns: dict[str, Any] = {"run": run, "worker": worker, "request": self.accepted[run, worker]}
+        for name, ids in (("worker", self.worker_id), ("request", self.request_id)):
+            if ids is not None:
+                pairs = zip(run.tolist(), columns[name].tolist(), strict=True)
+                columns[f"{name}_id"] = [None if (own := ids[r]) is None else own[at] for r, at in pairs]
         return pd.DataFrame({**columns, "compensation": self.compensation[run, worker]})
 
 
@@ -152,7 +174,15 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
             f"what the policy pays in instance {instance[lost]} adds up to more than a number can hold; "
             "a compensation is an amount of moderate size"
         )
-    return Simulation(margin + penalty, margin, penalty, accepted, paid, expired)
+    called = (_called(batch, instance, name) for name in ("request_id", "worker_id"))
+    return Simulation(margin + penalty, margin, penalty, accepted, paid, expired, *called)
+
+
+def _called(batch: Batch, instance: Ints, name: str) -> tuple[Identifiers | None, ...] | None:
+    """Return what the requests or the workers of each run are called; None if no instance says it."""
+    if all(getattr(one, name) is None for one in batch.instances):
+        return None
+    return tuple(getattr(batch.instances[b], name) for b in instance.tolist())
 
 
 def _arrive(open_: Ints, order: Ints, begin: Ints, end: Ints) -> Ints:

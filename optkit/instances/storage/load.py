@@ -17,10 +17,12 @@ from optkit.basics.folders import set_aside
 from optkit.basics.printable import listed
 from optkit.basics.strict_json import object_of
 from optkit.basics.tables.text import reading
+from optkit.instances.clock import Clock
 from optkit.instances.instance import Instance
 from optkit.instances.storage.schema import (
     COLUMNS,
     FORMAT,
+    LABELS,
     REMEDY,
     SCHEMA,
     Columns,
@@ -74,9 +76,10 @@ def load_instances(folder: str | os.PathLike[str]) -> list[Instance]:
     for name, column, count in (("features", "feature", "features"), ("utility", "utility", "groups")):
         matrix = np.array([tables["requests"][f"{column}_{c}"] for c in range(document[count])])
         tables["requests"][name] = matrix.reshape(document[count], n.sum()).T
+    names = {name: document.get(name) for name in ("group_names", "feature_names")}
     starts = {table: np.searchsorted(tables[table]["instance"], np.arange(len(records) + 1)) for table in tables}
     return [
-        _instance(place, b, record, {t: slice(starts[t][b], starts[t][b + 1]) for t in tables}, tables)
+        _instance(place, b, record, names, {t: slice(starts[t][b], starts[t][b + 1]) for t in tables}, tables)
         for b, record in enumerate(records)
     ]
 
@@ -144,6 +147,17 @@ def _check_document(path: Path, document: dict[str, Any]) -> None:
         ):
             raise damaged(path, f"has no valid entry {key!r}")
 
+    if document["schema"] > 1:
+        columns, known = document.get("columns"), [name for names in LABELS.values() for name in names]
+        if not isinstance(columns, dict) or any(
+            name not in known or kind not in ("string", "int64") for name, kind in columns.items()
+        ):
+            raise damaged(path, "has no valid entry 'columns'")
+        for key, count in (("group_names", "groups"), ("feature_names", "features")):
+            names = document.get(key)
+            if names is not None and not (isinstance(names, list) and len(names) == document[count]):
+                raise damaged(path, f"has no valid entry {key!r}")
+
     def per_group(value: Any) -> bool:
         return isinstance(value, list) and len(value) == document["groups"] and all(map(is_number, value))
 
@@ -154,8 +168,21 @@ def _check_document(path: Path, document: dict[str, Any]) -> None:
             and per_group(record.get("mu"))
             and (is_number(record.get("outside_utility")) or per_group(record.get("outside_utility")))
             and record.get("noise") in ("none", "dense", "sparse")
+            and (document["schema"] == 1 or _right_labels(record, document["columns"]))
         ):
             raise damaged(path, f"has an incomplete or wrong record of instance {b}")
+
+
+def _right_labels(record: dict[str, Any], columns: dict[str, str]) -> bool:
+    labels, clock = record.get("labels"), record.get("clock")
+    return (
+        isinstance(labels, dict)
+        and all(
+            name in columns and kind in ("text", "number") and (kind, columns[name]) != ("text", "int64")
+            for name, kind in labels.items()
+        )
+        and (clock is None or (isinstance(clock, dict) and set(clock) == {"start", "step"}))
+    )
 
 
 def _read_table(path: Path, document: dict[str, Any]) -> Columns:
@@ -163,7 +190,7 @@ def _read_table(path: Path, document: dict[str, Any]) -> Columns:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    wanted = table_schema(path.stem, document["features"], document["groups"])
+    wanted = table_schema(path.stem, document["features"], document["groups"], document.get("columns"))
     stated = document["files"].get(path.name)
     if stated is None and path.stem == "noise":
         return {field.name: np.zeros(0, field.type.to_pandas_dtype()) for field in wanted}
@@ -189,7 +216,11 @@ def _read_table(path: Path, document: dict[str, Any]) -> Columns:
     for field in wanted:
         if data.column(field.name).null_count and not field.nullable:
             raise damaged(path, f"has empty cells in column {field.name!r}")
-    return {name: data.column(name).to_numpy() for name in wanted.names}
+    labels = LABELS.get(path.stem, {})
+    return {
+        name: np.array(data.column(name).to_pylist(), dtype=object) if name in labels else data.column(name).to_numpy()
+        for name in wanted.names
+    }
 
 
 def _check_index(
@@ -221,9 +252,16 @@ def _check_index(
 
 
 def _instance(
-    place: Path, b: int, record: dict[str, Any], at: dict[str, slice], tables: dict[str, Columns]
+    place: Path, b: int, record: dict[str, Any], names: dict[str, Any], at: dict[str, slice], tables: dict[str, Columns]
 ) -> Instance:
     requests, workers, pairs = ({name: c[at[t]] for name, c in tables[t].items()} for t in COLUMNS)
+    own = {"requests": requests, "workers": workers}
+    labels: dict[str, Any] = {
+        field: _labels(own[table][column], record["labels"][column])
+        for table, fields in LABELS.items()
+        for column, field in fields.items()
+        if column in record.get("labels", {})
+    }
     n, J, kind = record["requests"], record["workers"], record["noise"]
     noise: Any = None
     if kind == "dense":
@@ -231,7 +269,7 @@ def _instance(
     elif kind == "sparse":
         starts = np.searchsorted(pairs["worker"], np.arange(J + 1))
         noise = sparse.csr_array((pairs["noise"], pairs["request"], starts), shape=(J, n))
-    outside = workers["outside_noise"]
+    outside, clock = workers["outside_noise"], record.get("clock")
     if kind == "none" and not np.isnan(outside).all():
         raise damaged(place / "workers.parquet", f"has outside_noise in instance {b}, whose noise is not realised")
     try:
@@ -246,6 +284,15 @@ def _instance(
             outside_utility=record["outside_utility"],
             noise=noise,
             outside_noise=None if noise is None else outside,
+            group_names=names["group_names"],
+            feature_names=names["feature_names"],
+            clock=None if clock is None else Clock(**clock),
+            **labels,
         )
-    except InstanceError as error:
+    except (InstanceError, ValueError) as error:
         raise DataError(f"{place}: instance {b} breaks a rule: {error}") from error
+
+
+def _labels(column: npt.NDArray[Any], kind: str) -> list[Any]:
+    """Return labels as they were given: a number among text is written as text."""
+    return [int(x) if kind == "number" and x is not None else x for x in column.tolist()]

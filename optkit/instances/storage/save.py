@@ -22,6 +22,7 @@ from optkit.instances.instance import Instance
 from optkit.instances.storage.schema import (
     COLUMNS,
     FORMAT,
+    LABELS,
     SCHEMA,
     ZEROS,
     Columns,
@@ -111,7 +112,18 @@ def _checked(instances: Iterable[Instance]) -> list[Instance]:
         if have != want:
             shapes = " and ".join(f"instances[{at}] has {k} and {D}" for at, (k, D) in ((b, have), (0, want)))
             raise InputError(f"{shapes} features and groups: save them as separate sets")
+        for name in ("group_names", "feature_names"):
+            own, first = getattr(item, name), getattr(items[0], name)
+            if own != first:
+                raise InputError(
+                    f"instances[{b}] has {name} {_listed(own)} and instances[0] {_listed(first)}: save them as "
+                    "separate sets"
+                )
     return items
+
+
+def _listed(names: tuple[str, ...] | None) -> str:
+    return "none" if names is None else ", ".join(names)
 
 
 def check_replaceable(folder: Path, overwrite: bool) -> None:
@@ -134,12 +146,15 @@ def _contents(items: Sequence[Instance], scenario: dict[str, Any] | None) -> dic
 
     k, D = (items[0].features.shape[1], items[0].n_groups) if items else (0, 0)
     rows = [_rows(item) for item in items]
+    labels = _label_types(items)
     contents, files = {}, {}
     for table in COLUMNS:
-        schema = table_schema(table, k, D)
-        columns = {
-            name: np.concatenate([row[table][name] for row in rows] or [np.zeros(0)]) for name in schema.names[1:]
+        schema = table_schema(table, k, D, labels)
+        own = [name for name in schema.names[1:] if name not in LABELS.get(table, {})]
+        columns: dict[str, Any] = {
+            name: np.concatenate([row[table][name] for row in rows] or [np.zeros(0)]) for name in own
         }
+        columns |= {name: _label_column(items, table, name, labels[name]) for name in schema.names if name in labels}
         counts = [row[table][schema.names[1]].size for row in rows]
         columns["instance"] = np.repeat(np.arange(len(items)), counts)
         if table == "noise" and not sum(counts):
@@ -149,9 +164,15 @@ def _contents(items: Sequence[Instance], scenario: dict[str, Any] | None) -> dic
         pq.write_table(pa.Table.from_arrays(arrays, schema=schema), sink, use_dictionary=COLUMNS[table][0])
         contents[f"{table}.parquet"] = data = sink.getvalue().to_pybytes()
         files[f"{table}.parquet"] = {"sha256": hashlib.sha256(data).hexdigest(), "rows": sum(counts)}
-    document = {"format": FORMAT, "schema": SCHEMA, "sha256": ZEROS.decode(), "optkit": __version__}
+    kept = [_labels(item) for item in items]
+    names = {name: getattr(items[0], name) if items else None for name in ("group_names", "feature_names")}
+    # What needs no labels is written so that an optkit without them reads it.
+    labelled = any(any(one.values()) for one in kept) or any(names.values())
+    schema_of_set = SCHEMA if labelled else 1
+    document = {"format": FORMAT, "schema": schema_of_set, "sha256": ZEROS.decode(), "optkit": __version__}
     document |= {"scenario": {} if scenario is None else scenario, "features": k, "groups": D, "files": files}
-    document["instances"] = [_record(item) for item in items]
+    document |= {"columns": labels, **names} if labelled else {}
+    document["instances"] = [_record(item) | (more if labelled else {}) for item, more in zip(items, kept, strict=True)]
     if not isinstance(document["scenario"], dict):
         raise InputError(f"scenario is a {type(scenario).__name__}: give a dict of plain JSON values")
     try:
@@ -171,6 +192,38 @@ def _record(item: Instance) -> dict[str, Any]:
         "outside_utility": np.asarray(item.outside_utility).tolist(),
         "noise": _kind(item),
     }
+
+
+def _labels(item: Instance) -> dict[str, Any]:
+    """Say which columns of labels an instance has, of text or of numbers, and by which clock it runs."""
+    found = {
+        column: "text" if getattr(item, field).dtype == object else "number"
+        for fields in LABELS.values()
+        for column, field in fields.items()
+        if getattr(item, field) is not None
+    }
+    clock = item.clock
+    return {"labels": found, "clock": None if clock is None else {"start": clock.start, "step": clock.step}}
+
+
+def _label_types(items: Sequence[Instance]) -> dict[str, str]:
+    """Return the columns of labels that any instance has: text as soon as one instance has text."""
+    found: dict[str, str] = {}
+    for item in items:
+        for column, kind in _labels(item)["labels"].items():
+            found[column] = "string" if kind == "text" else found.get(column, "int64")
+    return found
+
+
+def _label_column(items: Sequence[Instance], table: str, column: str, kind: str) -> list[Any]:
+    """Return a column of labels over all instances, with None in those that have none."""
+    values: list[Any] = []
+    for item in items:
+        own = getattr(item, LABELS[table][column])
+        count = item.n_requests if table == "requests" else item.n_workers
+        listed = [None] * count if own is None else own.tolist()
+        values += [str(x) if kind == "string" and x is not None else x for x in listed]
+    return values
 
 
 def _kind(item: Instance) -> str:

@@ -43,11 +43,37 @@ workers    outside_noise                float  realised noise of rejecting, mone
 noise      instance, worker, request    int    index; dense: every pair, sparse: the compatible pairs
 noise      noise                        float  realised noise of the pair, money
 =========  ===========================  =====  =======================================================
+
+Schema 2 keeps what users call things, and is written where an instance has such labels. ``scenario.json`` has more:
+
+===================  ============  ===================================================================
+key                  type          meaning
+===================  ============  ===================================================================
+columns              object        the columns of labels that the tables have, each with its type,
+                                   ``"string"`` or ``"int64"``
+group_names          array         D strings, or null
+feature_names        array         k strings, or null
+instances            array         per instance also ``labels``, an object that says of each column of
+                                   labels that the instance has whether it holds ``"text"`` or
+                                   ``"number"``; ``clock``, null or an object of ``start`` (ISO 8601) and
+                                   ``step`` (seconds)
+===================  ============  ===================================================================
+
+and the tables have these columns, null in instances without:
+
+=========  ===========================  ======  ======================================================
+table      column                       type    meaning
+=========  ===========================  ======  ======================================================
+requests   request_id                   either  what the request is called, unique in an instance
+workers    worker_id                    either  what the worker is called, unique in an instance
+workers    joined                       int     step at which the worker joined the queue
+=========  ===========================  ======  ======================================================
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +82,10 @@ import numpy.typing as npt
 from optkit.basics.errors import DataError
 
 FORMAT = "optkit-instances"
-SCHEMA = 1
+SCHEMA = 2
+LABELS = {"requests": {"request_id": "request_id"}, "workers": {"worker_id": "worker_id", "joined": "worker_joined"}}
+"""Columns of labels in each table, and the field of an Instance that each holds."""
+
 COLUMNS = {
     "requests": (["instance", "request", "arrival", "expiry", "pickup", "dropoff"], ["reward", "penalty"]),
     "workers": (["instance", "worker", "step", "group"], ["outside_noise"]),
@@ -68,15 +97,18 @@ REMEDY = "copy the folder again from its source, or write it anew with save_inst
 Columns = dict[str, npt.NDArray[Any]]
 
 
-def table_schema(table: str, k: int, D: int) -> Any:
-    """Return the Arrow schema of a table with k features and D groups."""
+def table_schema(table: str, k: int, D: int, labels: Mapping[str, str] | None = None) -> Any:
+    """Return the Arrow schema of a table with k features, D groups and columns of labels, each with its type."""
     import pyarrow as pa
 
     integers, floats = COLUMNS[table]
     if table == "requests":
         floats = [*floats, *(f"feature_{f}" for f in range(k)), *(f"utility_{d}" for d in range(D))]
     fields = [pa.field(name, pa.int64(), nullable=False) for name in integers]
-    return pa.schema(fields + [pa.field(name, pa.float64(), nullable=name == "outside_noise") for name in floats])
+    fields += [pa.field(name, pa.float64(), nullable=name == "outside_noise") for name in floats]
+    own = [name for name in LABELS.get(table, {}) if name in (labels or {})]
+    types = {"string": pa.string(), "int64": pa.int64()}
+    return pa.schema(fields + [pa.field(name, types[(labels or {})[name]]) for name in own])
 
 
 def seal(raw: bytes, stated: object) -> str:

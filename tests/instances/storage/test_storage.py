@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from scipy import sparse
 from optkit import __version__
 from optkit.basics.errors import DataError, InputError, OptkitError
 from optkit.instances import storage
+from optkit.instances.clock import Clock
 from optkit.instances.instance import Instance
 from optkit.instances.storage import load_instances, read_description, save_instances
 
@@ -513,8 +515,8 @@ def test_not_text(folder):
 
 def test_newer_schema(folder):
     """A set from a later version says so, and what to do."""
-    change_json(folder, "schema", value=2)
-    fails(folder, "written by a newer optkit (schema 2; this one reads up to 1): upgrade optkit")
+    change_json(folder, "schema", value=3)
+    fails(folder, "written by a newer optkit (schema 3; this one reads up to 2): upgrade optkit")
 
 
 def test_edited_description(folder, instances):
@@ -634,3 +636,43 @@ def test_folder_in_place_of_a_file(folder):
     (folder / "workers.parquet").unlink()
     (folder / "workers.parquet").mkdir()
     fails(folder, "workers.parquet cannot be read")
+
+
+def test_labels_are_kept(tmp_path):
+    """Schema 2: identifiers of text and of numbers, in some instances or all, names, queue and clock; else schema 1."""
+    rng = np.random.default_rng(0)
+    named = {"group_names": ("bike", "car"), "feature_names": ("km", "minutes")}
+    days = [
+        replace(random_instance(rng), request_id=["007", "7", "NA", " x"], worker_id=[1, 2, 3], **named),
+        replace(random_instance(rng), request_id=[4, 3, 2, 1], clock=Clock("2026-03-02T08:00:00+01:00", 15.0), **named),
+        replace(random_instance(rng), worker_joined=[0, 0, 0], **named),
+        replace(random_instance(rng, n=0, workers=0), request_id=[], **named),
+    ]
+    folder = save_instances(tmp_path / "set", days)
+    assert read_description(folder)["schema"] == 2
+    again = load_instances(folder)
+    assert again == days
+    assert [None if one.request_id is None else one.request_id.tolist() for one in again] == [
+        ["007", "7", "NA", " x"],
+        [4, 3, 2, 1],
+        None,
+        [],
+    ]
+    with pytest.raises(InputError, match=r"instances\[1\] has group_names none and instances\[0\] bike, car"):
+        save_instances(tmp_path / "other", [days[0], replace(days[1], group_names=None)])
+    bare = [replace(one, request_id=None, worker_id=None, worker_joined=None, clock=None) for one in days]
+    bare = [replace(one, group_names=None, feature_names=None) for one in bare]
+    assert read_description(save_instances(tmp_path / "bare", bare))["schema"] == 1
+
+
+@pytest.mark.parametrize(
+    "path",
+    [("columns", "request_id"), ("instances", 0, "labels", "request_id"), ("group_names",), ("instances", 0, "clock")],
+)
+def test_labels_that_do_not_fit_are_refused(tmp_path, path):
+    """A description whose labels are not those of the tables."""
+    day = replace(random_instance(np.random.default_rng(0)), request_id=[1, 2, 3, 4], group_names=("bike", "car"))
+    folder = save_instances(tmp_path / "set", [day])
+    change_json(folder, *path, value="text" if len(path) > 2 else "string", seal=True)
+    with pytest.raises(DataError):
+        load_instances(folder)

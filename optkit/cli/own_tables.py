@@ -1,0 +1,139 @@
+"""Tables of a user's own in files: columns by their meaning, read without guessing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optkit.basics.errors import DataError, InputError
+from optkit.basics.tables.cells import Cells, Column, Converter, labels, numbers
+from optkit.basics.tables.read import open_table
+from optkit.instances.frames import PREFIX, REQUESTS, WORKERS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TIMES = ("arrival", "expiry", "joined", "step")
+"""Columns of steps, or of dates and times."""
+
+
+def read_table(
+    path: Path, table: str, renamed: Mapping[str, str], features: Sequence[str], day: str | None
+) -> pd.DataFrame:
+    """Read a table of requests or of workers; all columns are there, those of no meaning as None.
+
+    Parameters
+    ----------
+    path : Path
+    table : {"requests", "workers"}
+    renamed : mapping of str to str
+        What columns mean, by what the file calls them.
+    features : sequence of str
+        Columns of ``requests`` that are features, as the file calls them.
+    day : str, optional
+        Column of days, as the file calls it.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, two columns mean the same, or a cell is not what its column holds.
+    """
+    import pandas as pd
+
+    with open_table(path, remedy=f"give a CSV, JSON or parquet file of {table}") as opened:
+        meaning = {name: renamed.get(name, name) for name in opened.names}
+        for name, what in meaning.items():
+            twice = [other for other, same in meaning.items() if same == what and other != name]
+            if twice:
+                raise DataError(f"{path}: {name!r} and {twice[0]!r} both mean {what}: leave one, or mend --map")
+        how = {name: _converter(what, table, name in features, name == day) for name, what in meaning.items()}
+        found = opened.columns({name: convert for name, convert in how.items() if convert is not None})
+        rows = opened.rows
+        if not found:  # nothing is known here: its rows are still to be counted
+            list(opened.pieces({}))
+            rows = opened.rows
+    columns = {what: _values(what, found[name]) if name in found else [None] * rows for name, what in meaning.items()}
+    return pd.DataFrame(columns)
+
+
+def _converter(what: str, table: str, feature: bool, day: bool) -> Converter | None:
+    if feature:
+        return _numbers_or_flags
+    if day or what in (*TIMES, "request_id", "worker_id", "group"):
+        return labels
+    known = REQUESTS if table == "requests" else WORKERS
+    return numbers if what in known or what == "utility" or what.startswith(PREFIX) else None
+
+
+def _numbers_or_flags(cells: Cells) -> Column:
+    words = {"true": 1.0, "false": 0.0}
+    listed = list(cells.values)
+    if listed and all(str(value).strip().lower() in words for value in listed):
+        return np.array([words[str(value).strip().lower()] for value in listed])
+    return numbers(cells)
+
+
+def _values(what: str, column: Column) -> Column:
+    """Return steps and numbers of groups as numbers; an identifier stays text, however it looks."""
+    if what in (*TIMES, "group") and all(_is_number(text) for text in column):
+        return np.array([float(text) for text in column])
+    return column
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def parsed_map(texts: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Read MEANING=COLUMN pairs, several with commas between; return for each table what its columns mean.
+
+    Raises
+    ------
+    InputError
+        If one is no pair, means nothing that is known, or a meaning or a column of a table is there twice.
+
+    Examples
+    --------
+    >>> parsed_map(["arrival=time,reward=fare", "joined=time"])
+    {'requests': {'time': 'arrival', 'fare': 'reward'}, 'workers': {'time': 'joined'}}
+    """
+    found: dict[str, dict[str, str]] = {"requests": {}, "workers": {}}
+    for pair in [part for text in texts for part in text.split(",")]:
+        what, equals, column = (part.strip() for part in pair.partition("="))
+        if not equals or not what or not column:
+            raise InputError(f"--map {pair} is not of the form MEANING=COLUMN, like reward=fare")
+        table = "workers" if what in WORKERS else "requests"
+        if table == "requests" and what not in (*REQUESTS, "utility") and not what.startswith(PREFIX):
+            known = ", ".join((*REQUESTS, "utility", f"{PREFIX}GROUP", *WORKERS))
+            raise InputError(f"--map {pair}: nothing is called {what!r}; there are {known}")
+        own = found[table]
+        if what in own.values():
+            raise InputError(f"--map says twice what {what} is")
+        if column in own:
+            raise InputError(f"--map says two things of {column}: {own[column]} and {what}")
+        own[column] = what
+    return found
+
+
+def by_group(option: str, text: str) -> float | dict[str, float]:
+    """Read one number, or GROUP=NUMBER pairs with commas between.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    try:
+        if "=" not in text:
+            return float(text)
+        pairs = [part.rpartition("=") for part in text.split(",")]
+        return {name.strip(): float(value) for name, _, value in pairs}
+    except ValueError:
+        raise InputError(f"--{option} {text} is neither a number nor of the form bike=1.2,car=0.8") from None

@@ -1,0 +1,80 @@
+"""What users call their requests, workers, groups and features: identifiers that are unique, and names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from optkit.basics.arrays import whole_number
+from optkit.basics.errors import InstanceError
+
+Identifiers = npt.NDArray[Any]
+"""Whole numbers (int64), or text (objects)."""
+
+
+def identifiers(name: str, values: Any, count: int) -> Identifiers:
+    """Return identifiers as a read-only array: all text, or all whole numbers; no two alike.
+
+    Raises
+    ------
+    InstanceError
+        If there are not so many, one is missing or there twice, or they are neither text nor whole numbers.
+
+    Examples
+    --------
+    >>> identifiers("request_id", ["007", "7"], 2).tolist(), identifiers("worker_id", [7.0, 8.0], 2).tolist()
+    (['007', '7'], [7, 8])
+    """
+    array = np.asarray(values)
+    if array.shape != (count,):
+        raise InstanceError(f"{name} has shape {array.shape}; it needs ({count},), one for each")
+    listed = [_plain(name, i, value) for i, value in enumerate(array.tolist())]
+    text = [isinstance(value, str) for value in listed]
+    if any(text) and not all(text):
+        i = text.index(not text[0])
+        raise InstanceError(f"{name}[0] = {listed[0]!r} and {name}[{i}] = {listed[i]!r}: write all as text, or none")
+    first: dict[Any, int] = {}
+    for i, value in enumerate(listed):
+        if first.setdefault(value, i) != i:
+            raise InstanceError(f"{name}[{i}] = {value!r} is that of row {first[value]} too: each has one of its own")
+    made = np.array(listed, dtype=object if any(text) else np.int64)
+    made.flags.writeable = False
+    return made
+
+
+def _plain(name: str, i: int, value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    if value is None or value != value:
+        raise InstanceError(f"{name}[{i}] is missing: give each an identifier, or leave all out")
+    try:
+        return whole_number(f"{name}[{i}]", value, error=InstanceError)
+    except InstanceError:
+        raise InstanceError(f"{name}[{i}] = {value!r} is neither text nor a whole number") from None
+
+
+def names_of(name: str, values: Sequence[Any], count: int) -> tuple[str, ...]:
+    """Return names, all different and none empty.
+
+    Raises
+    ------
+    InstanceError
+        If there are not so many, one is no text or empty, or two are alike.
+
+    Examples
+    --------
+    >>> names_of("group_names", ["bike", "car"], 2)
+    ('bike', 'car')
+    """
+    listed = [values] if isinstance(values, str) else list(values)
+    if len(listed) != count:
+        raise InstanceError(f"{name} has {len(listed)} names; it needs {count}, one for each")
+    for i, one in enumerate(listed):
+        if not isinstance(one, str) or not one.strip():
+            raise InstanceError(f"{name}[{i}] = {one!r} is no name")
+        if one in listed[:i]:
+            raise InstanceError(f"{name} has {one!r} twice")
+    return tuple(map(str, listed))
