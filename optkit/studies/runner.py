@@ -7,8 +7,9 @@ import logging
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import get_all_start_methods
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from optkit.basics.errors import InputError, OptkitError
@@ -282,17 +283,44 @@ def _joblib(cells: Sequence[Cell], trips: tuple[str, ...], jobs: int) -> Iterato
 def _dask(jobs: int, address: str) -> Iterator[_Engine]:
     """Yield an engine on a Dask cluster, which replaces workers that are lost by itself."""
     try:
-        from distributed import Client, LocalCluster
+        import dask
+        from distributed import LocalCluster
     except ImportError:
         raise InputError("--dask needs Dask: pip install 'optkit[dask]'") from None
     from joblib import parallel_config
 
     cluster: Any = address
-    if address == "local":
-        # What its workers log of themselves, also while they end, is nothing to a person: cells that fail are named.
-        cluster = LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-        )
+    with ExitStack() as started:
+        if address == "local":
+            if "forkserver" in get_all_start_methods():  # Dask is loaded once for all workers
+                started.enter_context(dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}))
+            # What its workers log of themselves, also while they end, is nothing to a person: failed cells are named.
+            cluster = LocalCluster(  # type: ignore[no-untyped-call]
+                n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            )
+            started.callback(cluster.close)
+        client = started.enter_context(_client(cluster, address))
+
+        def engine(cells: Sequence[Cell], trips: tuple[str, ...]) -> Iterator[tuple[Cell, Outcome]]:
+            blamed = []
+            with parallel_config(_backend(client)):
+                for cell, outcome in _joblib(cells, trips, -1):
+                    if len(cells) > 1 and str(outcome.error).startswith("KilledWorker"):
+                        blamed.append(cell)
+                    else:
+                        yield cell, outcome
+            # Dask blames all that waited where a worker died; each is tried with no other beside it.
+            for cell in blamed:
+                yield from engine([cell], trips)
+
+        yield engine
+
+
+@contextmanager
+def _client(cluster: Any, address: str) -> Iterator[Any]:
+    """Yield a client of a Dask cluster that has workers."""
+    from distributed import Client
+
     try:
         client = Client(cluster, timeout=10)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
@@ -300,16 +328,9 @@ def _dask(jobs: int, address: str) -> Iterator[_Engine]:
     try:
         if not client.scheduler_info()["workers"]:
             raise InputError(f"the Dask scheduler at {address} has no workers: start some with dask worker {address}")
-
-        def engine(cells: Sequence[Cell], trips: tuple[str, ...]) -> Iterator[tuple[Cell, Outcome]]:
-            with parallel_config(_backend(client)):
-                yield from _joblib(cells, trips, -1)
-
-        yield engine
+        yield client
     finally:
         client.close()  # type: ignore[no-untyped-call]
-        if address == "local":
-            cluster.close()
 
 
 def _backend(client: Any) -> Any:

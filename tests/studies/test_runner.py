@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -33,40 +34,41 @@ def texts(run):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """Tables of a study that nothing disturbed."""
-    run = run_cells(CELLS, CellStore(tmp_path_factory.mktemp("whole")))
+def undisturbed(tmp_path_factory):
+    """A study that nothing disturbed, the store of its cells, and seconds that a cell took."""
+    store, ends = CellStore(tmp_path_factory.mktemp("whole")), []
+    run = run_cells(CELLS, store, progress=lambda *_: ends.append(time.monotonic()))
     assert run.fresh == len(CELLS)
-    return texts(run)
+    return run, store, (ends[-1] - ends[1]) / (len(CELLS) - 1)  # the first cell loads what all need
 
 
-@pytest.mark.slow
-def test_the_number_of_processes_does_not_matter(tmp_path, whole):
-    assert texts(run_cells(CELLS, CellStore(tmp_path), jobs=2)) == whole
+@pytest.fixture(scope="module")
+def whole(undisturbed):
+    """Its tables."""
+    return texts(undisturbed[0])
 
 
-@pytest.mark.slow
-def test_what_is_finished_is_not_worked_out_again(tmp_path, whole, monkeypatch):
+@pytest.fixture
+def half_done(undisturbed, tmp_path):
+    """A store of one's own with the first eight cells."""
     store = CellStore(tmp_path)
-    assert run_cells(CELLS[:8], store).fresh == 8
-    assert run_cells(CELLS, store).fresh == 4
+    for cell in CELLS[:8]:
+        shutil.copy(undisturbed[1].path(cell), store.path(cell))
+    return store
+
+
+@pytest.mark.slow
+def test_what_is_finished_is_not_worked_out_again_and_what_was_damaged_is(half_done, whole, monkeypatch):
+    half_done.path(CELLS[3]).write_text("{")
+    assert run_cells(CELLS, half_done).fresh == 5
     monkeypatch.setattr(work, "run_cell", lambda *_: pytest.fail("worked out again"))
-    again = run_cells(CELLS, store)
+    again = run_cells(CELLS, half_done)
     assert (again.fresh, again.failed, texts(again)) == (0, {}, whole)
 
 
 @pytest.mark.slow
-def test_what_was_damaged_is_worked_out_again(tmp_path, whole):
-    store = CellStore(tmp_path)
-    run_cells(CELLS, store)
-    store.path(CELLS[3]).write_text("{")
-    run = run_cells(CELLS, store)
-    assert (run.fresh, texts(run)) == (1, whole)
-
-
-@pytest.mark.slow
 def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, whole):
-    """An unknown policy, and one whose training leads nowhere; the rest is as it was."""
+    """An unknown policy, and one whose training leads nowhere; the rest is in two processes as it was in one."""
     place = CELLS[0].place
     bad = [
         Cell("policy", place, {"policy": "Guess", "seed": 0}),
@@ -80,8 +82,9 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, whole):
 
 
 @pytest.mark.slow
-def test_progress_ends_at_the_number_of_cells(tmp_path):
+def test_progress_ends_at_the_number_of_cells(tmp_path, monkeypatch):
     seen = []
+    monkeypatch.setattr(work, "run_cell", lambda cell, trips: {"cell": cell.key})
     run_cells(CELLS[:5], CellStore(tmp_path), progress=lambda *told: seen.append(told))
     assert [done for done, _, _ in seen] == [0, 1, 2, 3, 4, 5]
     assert {total for _, total, _ in seen} == {5}
@@ -108,12 +111,13 @@ def _started(folder, jobs):
 
 
 @pytest.mark.slow
-def test_killed_at_twenty_random_moments(tmp_path, whole):
+def test_killed_at_twenty_random_moments(tmp_path, undisturbed, whole):
     """SIGKILL to the whole process group, at moments spread over the work; nothing half written is ever read."""
+    longest = 3 * undisturbed[2]
     rng, finished = random.Random(0), []
     for attempt in range(20):
         child = _started(tmp_path, 2 if attempt % 5 == 4 else 1)
-        time.sleep(rng.uniform(0.0, 0.2))
+        time.sleep(rng.uniform(0.0, longest))
         os.killpg(child, signal.SIGKILL)
         os.waitpid(child, 0)
         store = CellStore(tmp_path)
@@ -128,15 +132,15 @@ def test_killed_at_twenty_random_moments(tmp_path, whole):
 
 
 @pytest.mark.slow
-def test_an_interrupt_keeps_what_is_finished(tmp_path, whole):
+def test_an_interrupt_keeps_what_is_finished(half_done, whole):
     def stop(done, total, left):
-        if done == 4:
+        if done == 10:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_cells(CELLS, CellStore(tmp_path), progress=stop)
-    run = run_cells(CELLS, CellStore(tmp_path))
-    assert (run.fresh, texts(run)) == (len(CELLS) - 4, whole)
+        run_cells(CELLS, half_done, progress=stop)
+    run = run_cells(CELLS, half_done)
+    assert (run.fresh, texts(run)) == (len(CELLS) - 10, whole)
 
 
 @pytest.mark.slow
@@ -204,29 +208,41 @@ def test_libraries_that_are_loaded_late_have_one_thread_too():
 
 @pytest.fixture
 def scheduler(tmp_path):
-    """A Dask scheduler and two workers, each a process of its own; without nannies: who is killed stays dead."""
+    """A Dask scheduler and two workers, each a process of its own; without nannies: who is killed stays dead.
+
+    They are one program that loads Dask and then becomes three.
+    """
     pytest.importorskip("distributed", reason="Dask is missing: pip install 'optkit[dask]'")
-    dask = shutil.which("dask", path=str(Path(sys.executable).parent)) or shutil.which("dask")
-    assert dask is not None
-    file, processes = tmp_path / "scheduler.json", []
+    file = str(tmp_path / "scheduler.json")
+    program = """if True:
+        import json, os, sys
+        from distributed.cli import dask_scheduler, dask_worker
 
-    def start(*arguments):
-        processes.append(subprocess.Popen([dask, *arguments], stderr=subprocess.DEVNULL))
-        return processes[-1]
+        numbers = []
+        for main, arguments in zip([dask_scheduler.main, dask_worker.main, dask_worker.main], json.loads(sys.argv[1])):
+            numbers.append(os.fork())
+            if numbers[-1] == 0:
+                sys.stdout.close()
+                main(arguments)
+                os._exit(0)
+        print(json.dumps(numbers), flush=True)
+        for number in numbers:
+            os.waitpid(number, 0)
+        """
+    where = ["--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", file]
+    worker = ["--nthreads", "1", "--no-nanny", *where]
+    command = [sys.executable, "-c", program, json.dumps([["--port", "0", *where], worker, worker])]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        numbers = json.loads(process.stdout.readline())
+        address = _awaited(lambda: json.loads(Path(file).read_text())["address"])
+        from distributed import Client
 
-    where = ["--port", "0", "--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(file)]
-    start("scheduler", *where)
-    address = _awaited(lambda: json.loads(file.read_text())["address"])
-    worker = ["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
-    workers = [start(*worker) for _ in range(2)]
-    from distributed import Client
-
-    with Client(address, timeout=30) as client:
-        client.wait_for_workers(2, timeout=60)
-    yield address, workers
-    for process in processes:
-        process.kill()
-        process.wait()
+        with Client(address, timeout=30) as client:
+            client.wait_for_workers(2, timeout=60)
+        yield address, numbers[1]
+        for number in numbers:
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
 
 
 def _awaited(look, seconds=30.0):
@@ -245,20 +261,21 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_results(tmp_path, monkeypa
 
     Cells are light, so that workers need not load the kit; those of the page on clusters are real.
     """
-    address, workers = scheduler
+    address, worker = scheduler
+    killed = []
 
     def light(cell, trips):
         time.sleep(0.05)
         return cell.key, Outcome({"cell": cell.key}, 0.05, None)
 
     def kill(done, total, left):
-        if done >= 4 and workers[0].poll() is None:
-            workers[0].kill()
-            workers[0].wait()
+        if done >= 4 and not killed:
+            os.kill(worker, signal.SIGKILL)
+            killed.append(done)
 
     monkeypatch.setattr(runner, "_attempt", light)
     run = run_cells(CELLS, CellStore(tmp_path / "cells"), dask=address, progress=kill)
-    assert workers[0].returncode == -signal.SIGKILL
+    assert killed[0] < len(CELLS)
     assert (run.failed, run.missing) == ({}, [])
     assert {key: kept.result for key, kept in run.found.items()} == {cell.key: {"cell": cell.key} for cell in CELLS}
 
