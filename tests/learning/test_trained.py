@@ -2,6 +2,7 @@
 
 import json
 import os
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,12 +10,14 @@ import pytest
 from optkit import scenario, simulate
 from optkit.basics.errors import DataError, InputError, OptkitError
 from optkit.instances.scenario import Split
+from optkit.learning import training
+from optkit.learning.rounds import learn_preferences
 from optkit.learning.trained import Trained
 from optkit.learning.training import train
 from optkit.models.value import KernelValue, LinearValue
 from optkit.policies import PostDecisionPricing
 
-STEPS = 20
+STEPS = 12
 """Of the days."""
 
 
@@ -34,7 +37,9 @@ def trained(days):
         "kernel": ("I.1", "kernel", "true"),
         "kernel pooled": ("II", KernelValue(landmarks=4), "pooled"),
     }
-    return {label: train(days[name], value, choice=choice) for label, (name, value, choice) in forms.items()}
+    with pytest.MonkeyPatch.context() as patched:  # two rounds of preferences, of up to eight, say as much of a file
+        patched.setattr(training, "learn_preferences", partial(learn_preferences, rounds=2))
+        return {label: train(days[name], value, choice=choice) for label, (name, value, choice) in forms.items()}
 
 
 def prices(instances, policy):
@@ -271,7 +276,7 @@ def test_instances_that_the_policy_does_not_know(days, trained, label, words):
     with pytest.raises(InputError, match=words):
         simulate(other, trained[label].policy)
     longer = scenario("I.1", seed=0, horizon=90).sample(5, seed=0)
-    with pytest.raises(InputError, match="beyond the 20 steps"):
+    with pytest.raises(InputError, match="beyond the 12 steps"):
         simulate(longer, trained["kernel"].policy)
 
 

@@ -20,7 +20,7 @@ from optkit.policies.explore import Explore
 from optkit.simulation.batch import Batch
 from optkit.simulation.metrics import mean_interval
 
-STEPS = 12
+STEPS = 10
 """Of the small split's days."""
 
 
@@ -33,7 +33,7 @@ def world():
         if name not in known:
             source = scenario(name, seed=0, horizon=25)
             fresh = source.sample(200, seed=6)
-            known[name] = source.sample(120, seed=5), fresh, simulate(fresh, PostDecisionPricing()).reward
+            known[name] = source.sample(100, seed=5), fresh, simulate(fresh, PostDecisionPricing()).reward
         return known[name]
 
     return of
@@ -77,14 +77,14 @@ def test_waiting_is_worth_nothing_where_nothing_can_wait(value):
 def test_waiting_pays_where_workers_abound():
     """With a worker at every step waiting has a value too: pay little, and wait for one who is in the mood."""
     source = scenario("I.1", seed=0, request_rate=0.08, worker_rate=3.0)
-    trained = train(source.sample(200, seed=1), choice="true")
-    fresh = source.sample(200, seed=2)
+    trained = train(source.sample(100, seed=1), choice="true")
+    fresh = source.sample(100, seed=2)
     gain = mean_interval(simulate(fresh, trained.policy).reward, simulate(fresh, PostDecisionPricing()).reward)
     assert gain.low > 0
 
 
 @pytest.mark.slow
-def test_from_raw_instances_to_a_policy(world):
+def test_from_raw_instances_to_a_policy(world, two_rounds):
     """With preferences learned along the way it beats the true-model myopic policy, and says what it learned."""
     days, fresh, myopic = world("I.1")
     trained = train(Split(days, [], scenario("I.1", seed=0, horizon=25).sample(30, seed=7)))
@@ -98,7 +98,7 @@ def test_from_raw_instances_to_a_policy(world):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("choice", "models"), [("learned", 3), ("pooled", 1)])
-def test_preferences_of_several_groups(world, choice, models):
+def test_preferences_of_several_groups(world, choice, models, two_rounds):
     """On scenario II, one model a group or one for all: waiting pays against myopic prices with the same preferences.
 
     With a model for each group it even beats the true-model myopic policy.
@@ -116,8 +116,8 @@ def test_preferences_of_several_groups(world, choice, models):
 @pytest.mark.slow
 def test_given_preferences_are_used_as_they_are(world):
     """Preferences that are given are priced with, and not learned again."""
-    days = world("I.1")[0][:40]
-    given = learn_preferences(days).preferences
+    days = world("I.1")[0][:20]
+    given = learn_preferences(days, rounds=2).preferences
     trained = train(days, choice=given)
     assert trained.preferences is given
     assert trained.policy.choice is given
@@ -126,12 +126,12 @@ def test_given_preferences_are_used_as_they_are(world):
 
 
 @pytest.mark.slow
-def test_learned_preferences_are_refitted_every_round(split):
+def test_learned_preferences_are_refitted_every_round(split, two_rounds):
     """The offers of every round join the data: what is learned in the end is not what was learned first.
 
     Whoever has learned that first brings it along, and the same comes out.
     """
-    learned = learn_preferences(split.train, seed=0)
+    learned = learn_preferences(split.train, rounds=2, seed=0)
     first = learned.preferences
     trained = train(split.train, seed=0)
     np.testing.assert_array_equal(train(split.train, learned=learned, seed=0).value.coef_, trained.value.coef_)
@@ -327,11 +327,10 @@ def interrupted(after):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("choice", ["true", "learned"])
-def test_what_was_interrupted_goes_on(tmp_path, split, choice, two_rounds):
+def test_what_was_interrupted_goes_on(tmp_path, split, two_rounds):
     """Interrupted in the second of three seeds and started again, it does not repeat the first, and ends the same."""
-    whole = train(split, choice=choice, seeds=3, seed=1)
-    again = partial(train, split, choice=choice, seeds=3, seed=1, checkpoint=tmp_path)
+    whole = train(split, seeds=3, seed=1)
+    again = partial(train, split, seeds=3, seed=1, checkpoint=tmp_path)
     with pytest.raises(KeyboardInterrupt):
         again(progress=interrupted(2))
     (first,) = os.listdir(tmp_path)
@@ -538,20 +537,6 @@ def test_more_instances_can_be_drawn_for_a_scenario(split):
     for wrong in (-1, 0, 1.5, True, "many"):
         with pytest.raises(InputError, match=f"instances = {wrong!r} is not a whole number of at least 1"):
             train(source, choice="true", instances=wrong)
-
-
-@pytest.mark.slow
-def test_networks_by_their_names(split):
-    """Each name brings its settings, and its discount; the paper's two regress levels."""
-    pytest.importorskip("torch", reason="needs PyTorch: pip install 'optkit[attention]'")
-    from optkit.models.value.attention.value import LEVELS, PRINTED, TUNED
-
-    of = {"attention": TUNED, "attention-levels": LEVELS, "attention-printed": PRINTED}
-    for name, settings in of.items():
-        trained = train(split.train[:3], name, choice="true", deviations=(8.0,))
-        assert trained.value.settings == settings
-        assert trained.settings["discount"] == settings.discount
-    assert (TUNED.target, LEVELS.target, PRINTED.target) == ("difference", "level", "level")
 
 
 def test_settings_are_plain():

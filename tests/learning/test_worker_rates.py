@@ -10,7 +10,7 @@ from tests.gap import processes
 
 
 @pytest.mark.slow
-def test_a_steady_stream_is_one_piece():
+def test_a_steady_stream_is_one_piece(half_days):
     """Half a worker a step, within four standard errors, and no piece that noise alone made."""
     found = learn_worker_rates(processes.days(processes.constant, 40, seed=0))
     assert found.start.tolist() == [0]
@@ -32,8 +32,8 @@ def test_a_rush_is_two_pieces_and_its_queue_is_known():
 
 @pytest.fixture
 def half_days(monkeypatch):
-    """Days of 24 steps: one slot a step still, and an eighth of the work."""
-    monkeypatch.setattr(processes, "STEPS", 24)
+    """Days of 16 steps: one slot a step still, and a thirtieth of the work."""
+    monkeypatch.setattr(processes, "STEPS", 16)
 
 
 @pytest.mark.slow
@@ -44,15 +44,15 @@ def test_errors_are_as_large_as_they_are_said_to_be(half_days):
     # Four standard errors of a root mean square of 8.
     assert 0.2 < np.sqrt(np.mean(np.square(score))) < 2.0
     drawn = found[0].draw(4000, np.random.default_rng(0))
-    assert np.log(drawn).std(axis=0) == pytest.approx(np.full(24, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
+    assert np.log(drawn).std(axis=0) == pytest.approx(np.full(16, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
 
 
 @pytest.mark.slow
 def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     """Nobody was seen: a rate near 0, and not 0; somebody always: one so high that somebody is nearly sure."""
-    nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(24, int), 20, seed=0))
+    nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(16, int), 20, seed=0))
     assert 0 < nobody.rate.max() < 0.02
-    always = learn_worker_rates(processes.days(lambda rng: np.ones(24, int), 20, seed=0))
+    always = learn_worker_rates(processes.days(lambda rng: np.ones(16, int), 20, seed=0))
     assert always.presence[0, 0] > 0.8
     assert np.isfinite(always.covariance).all()
 

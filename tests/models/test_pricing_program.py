@@ -57,10 +57,10 @@ def check_agreement(solution, v, u, mu, outside, nonnegative):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nonnegative", [True, False])
-@pytest.mark.parametrize("mu", [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3])
+@pytest.mark.parametrize("mu", [1e-3, 0.1, 1.0, 10.0, 1e3])
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 50])
 def test_profit_probabilities_prices_and_duals_are_those_of_the_closed_form(n, mu, nonnegative):
-    for seed in range(8):
+    for seed in range(4):
         v, u = draw(seed, n, mu)
         outside = 0.0 if seed % 3 else 2.0
         solution = program(n, nonnegative).solve(v, u, mu, outside)
@@ -69,7 +69,7 @@ def test_profit_probabilities_prices_and_duals_are_those_of_the_closed_form(n, m
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nonnegative", [True, False])
-@pytest.mark.parametrize("mu", [1e-3, 0.1, 1.0, 1e3])
+@pytest.mark.parametrize("mu", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("n", [200, 1000])
 def test_many_requests_agree_too(n, mu, nonnegative):
     for seed in (0, 1):
@@ -259,7 +259,7 @@ def test_a_request_that_only_draws_workers_from_a_worse_one_still_matters(value,
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 3, 8])
 def test_losses_that_workers_love_are_priced_like_anything_else(n):
-    for seed in range(100):
+    for seed in range(40):
         rng = np.random.default_rng([seed, n])
         v, u, mu = rng.uniform(-50, 10, n), rng.uniform(-20, 20, n), 10.0 ** rng.uniform(-2, 1)
         check_agreement(program(n, True).solve(v, u, mu), v, u, mu, 0.0, True)

@@ -145,10 +145,12 @@ def test_one_offer_and_the_outside_option_is_a_logistic_regression():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("outside", [False, True])
-@pytest.mark.parametrize("cov_type", ["nonrobust", "robust"])
+@pytest.mark.parametrize(("outside", "cov_type"), [(False, "nonrobust"), (True, "robust")])
 def test_intervals_cover_the_truth_as_often_as_they_say(outside, cov_type):
-    """200 data sets of 300 situations; each coefficient's interval misses at the rate of a fair 5 % coin."""
+    """200 data sets of 300 situations; each coefficient's interval misses at the rate of a fair 5 % coin.
+
+    That either kind of error goes with either kind of choice is what the sandwich by hand is for.
+    """
     sets, covered = 200, np.zeros(3)
     for seed in range(sets):
         results = ConditionalLogit(*simulate(outside=outside, seed=seed), outside_option=outside).fit(cov_type=cov_type)

@@ -115,8 +115,7 @@ def test_profit_and_probabilities_are_exact_to_the_rounding_of_the_input_at_any_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nonnegative", [True, False])
-@pytest.mark.parametrize("mu", [1e-3, 1.0, 1e3])
-@pytest.mark.parametrize("scale", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize(("scale", "mu"), [(1.0, 1.0), (1e3, 1e-3), (1e6, 1e-3), (1e6, 1e3)])
 def test_a_thousand_requests_are_exact_too(scale, mu, nonnegative):
     rng = np.random.default_rng(2)
     check_against_exact(scale * rng.uniform(-1, 1, 1000), scale * rng.uniform(-1, 1, 1000), mu, 0.0, nonnegative)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from optkit.basics.errors import InputError, MissingExtraError, TrainingError
-from optkit.models.value.attention.settings import PRINTED, TUNED, AttentionSettings
+from optkit.models.value.attention.settings import LEVELS, PRINTED, TUNED, AttentionSettings
 from optkit.models.value.attention.value import AttentionValue
 from optkit.models.value.experience import Experience, Workers
 from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValue, removal_differences
@@ -207,8 +207,8 @@ class OwnTargets(Experience):
 @pytest.mark.parametrize("target", ["difference", "level"])
 def test_fit_learns_a_function_that_can_be_learned(target):
     """On targets that do not depend on the network the error falls below 15 % of their spread on unseen sets."""
-    settings = replace(TUNED, target=target, empty_is_zero=target == "difference", sweeps=10, batch=64)
-    value = AttentionValue(settings).fit(as_kind(OwnTargets, drawn_experience(0, n=1500, instances=150)))
+    settings = replace(TUNED, target=target, empty_is_zero=target == "difference", sweeps=7, batch=64)
+    value = AttentionValue(settings).fit(as_kind(OwnTargets, drawn_experience(0, n=1200, instances=120)))
     unseen = as_kind(OwnTargets, drawn_experience(9))
     error, spread = [], []
     for step in range(unseen.horizon):
@@ -422,6 +422,24 @@ def test_patient_prices_earn_more_than_myopic_ones():
     fresh = drawn.sample(150, seed=2)
     gain = simulate(fresh, patient).reward - simulate(fresh, PostDecisionPricing()).reward
     assert gain.mean() > 3 * gain.std() / np.sqrt(gain.size)
+
+
+@pytest.mark.slow
+@needs_torch
+def test_networks_by_their_names():
+    """Each name brings its settings, and training its discount; the paper's two regress levels."""
+    from optkit import scenario
+    from optkit.learning.training import train
+    from optkit.models.value.catalogue import estimator_of
+
+    of = {"attention": TUNED, "attention-levels": LEVELS, "attention-printed": PRINTED}
+    for name, settings in of.items():
+        assert estimator_of(name).settings == settings
+    days = scenario("I.1", seed=0, horizon=8).sample(2, seed=3)
+    trained = train(days, "attention-printed", choice="true", deviations=(8.0,))
+    assert trained.value.settings == PRINTED
+    assert trained.settings["discount"] == PRINTED.discount != TUNED.discount
+    assert (TUNED.target, LEVELS.target, PRINTED.target) == ("difference", "level", "level")
 
 
 def test_printed_settings_are_the_papers_table():
