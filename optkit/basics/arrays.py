@@ -22,6 +22,8 @@ import numpy.typing as npt
 from optkit.basics.errors import InputError, OptkitError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from optkit.basics.tables.table import Table
 
 Floats = npt.NDArray[np.float64]
@@ -324,3 +326,17 @@ def open_table(path: str | os.PathLike[str], remedy: str) -> Table:
     from optkit.basics.tables.read import open_table
 
     return open_table(path, remedy=remedy)
+
+
+def write_document(path: str | os.PathLike[str], plain: dict[str, Any], what: str) -> Path:
+    """Write plain data with their digest, see :func:`optkit.basics.documents.write_document`; errors as there."""
+    from optkit.basics.documents import write_document
+
+    return write_document(path, plain, what)
+
+
+def read_document(path: str | os.PathLike[str], form: str, version: int, what: str) -> dict[str, Any]:
+    """Read plain data and check their digest, see :func:`optkit.basics.documents.read_document`; errors as there."""
+    from optkit.basics.documents import read_document
+
+    return read_document(path, form, version, what)

@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optkit.basics.errors import DataError, InputError, OptkitError
-from optkit.basics.files import write_whole
-from optkit.basics.plain_json import is_sealed, sealed, to_json
-from optkit.basics.strict_json import object_of
+from optkit.basics.documents import read_document, write_document
+from optkit.basics.errors import DataError, InputError
 from optkit.basics.version import __version__
 from optkit.learning.beliefs import BelievedValue
 from optkit.models.preferences.preferences import Preferences
@@ -76,10 +74,7 @@ class Trained:
         OptkitError
             If the disk refuses.
         """
-        target = Path(path)
-        if not target.name:
-            raise OptkitError(f"{os.fspath(path)!r} names no file to write a policy to")
-        return write_whole(target, to_json(sealed(self.to_dict())) + "\n")
+        return write_document(path, self.to_dict(), "a policy")
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data, as it stands in the file.
@@ -114,23 +109,11 @@ class Trained:
             If the file cannot be read, is not such a file, or was changed since; who edits one takes its entry
             ``sha256`` out.
         """
-        source = Path(path)
-        try:
-            plain = object_of(source.read_bytes())
-        except OSError as error:
-            raise DataError(f"{source} cannot be read ({error.strerror or error})") from error
-        except ValueError as error:
-            raise DataError(f"{source} holds no trained policy of optkit ({error})") from None
-        if plain.get("format") != FORMAT:
-            raise DataError(f"{source} holds no trained policy of optkit")
-        if plain.get("version") != VERSION:
-            raise DataError(f"{source} has version {plain.get('version')!r}; this optkit reads version {VERSION}")
-        if "sha256" in plain and not is_sealed(plain):
-            raise DataError(f"{source} was changed or damaged (its sha256 differs; after an edit, delete that entry)")
+        plain = read_document(path, FORMAT, VERSION, "trained policy of optkit")
         try:
             return cls.from_dict(plain)
         except InputError as error:
-            raise DataError(f"{source}: {error}") from None
+            raise DataError(f"{Path(path)}: {error}") from None
 
     @classmethod
     def from_dict(cls, plain: dict[str, Any]) -> Trained:

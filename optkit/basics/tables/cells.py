@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -143,6 +144,25 @@ def counts(cells: Cells) -> Column:
     return _whole_numbers(cells, _count, f", no whole number from 0 to {MOST:,}; count from 0 without gaps")
 
 
+def groups(cells: Cells) -> Column:
+    """Return numbers of groups, as :func:`counts` does, or their names, as :func:`labels` does, if none is a number.
+
+    Raises
+    ------
+    DataError
+        If a cell is empty, or a number where the first is a name, or the reverse.
+    """
+    texts = [None if value is None else str(value).strip() for value in cells.values]
+    numeric = [text is not None and text != "" and not math.isnan(_number(text)) for text in texts]
+    if all(numeric):
+        return counts(cells)
+    named = [bool(text) and not number for text, number in zip(texts, numeric, strict=True)]
+    if any(numeric) and any(named):
+        i = numeric.index(not numeric[0])
+        raise cells.wrong(i, f", and row {cells.first} {texts[0]}: count from 0 without gaps, or give all a name")
+    return labels(cells)
+
+
 def _count(text: str) -> int | None:
     match = _WHOLE.fullmatch(text.strip())
     number = int(match[1]) if match and len(match[1]) < 20 else -1
@@ -158,7 +178,7 @@ def _whole_numbers(cells: Cells, parse: Callable[[str], int | None], why: str) -
     return np.array([said[text] for text in texts], dtype=np.int64)
 
 
-KINDS: dict[str, Converter] = {"labels": labels, "numbers": numbers, "flags": flags, "counts": counts}
+KINDS: dict[str, Converter] = {"labels": labels, "numbers": numbers, "flags": flags, "counts": counts, "groups": groups}
 """Converters by name, for those who may not import them."""
 
 

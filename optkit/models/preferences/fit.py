@@ -97,7 +97,8 @@ def fit_preferences(
     weights, scales, covariances, results = [], [], [], []
     for g in range(int(groups.max()) + 1):
         own = groups == g
-        label = "all groups" if pooled else f"group {g}"
+        named = f"{g}" if offers.group_names is None else offers.group_names[g]
+        label = "all groups" if pooled else f"group {named}"
         if not own.any():
             raise DataError(f"{label} was offered nothing: collect offers to it, or number the groups without a gap")
         clusters = None if offers.cluster is None else offers.cluster[own]
@@ -115,7 +116,7 @@ def fit_preferences(
         covariances.append(C)
         results.append(fitted)
     return Preferences(
-        attributes, np.array(weights), np.array(scales), tuple(covariances), pooled=pooled, results=tuple(results)
+        attributes, np.array(weights), np.array(scales), tuple(covariances), pooled, tuple(results), offers.group_names
     )
 
 

@@ -28,7 +28,7 @@ _WHOLE = ("situation", "group", "pickup", "dropoff")
 _COLUMNS = ("situation", "group", "features", "pickup", "dropoff", "compensation", "chosen")
 _ROLES = {
     "situation": "labels",
-    "group": "counts",
+    "group": "groups",
     "pickup": "counts",
     "dropoff": "counts",
     "compensation": "numbers",
@@ -62,6 +62,8 @@ class Offers:
         Names of the features.
     cluster : (m,) int, optional
         Which decisions may depend on each other, such as all of one worker: the same for all rows of a situation.
+    group_names : tuple of str, optional
+        Names of the groups 0, 1, ...
 
     Raises
     ------
@@ -78,6 +80,7 @@ class Offers:
     chosen: Ints
     names: tuple[str, ...] = ()
     cluster: Ints | None = None
+    group_names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -106,6 +109,8 @@ class Offers:
         for at, name in enumerate(names):
             if name in taken_names or name in names[:at] or re.fullmatch(r"(pickup|dropoff)_\d+", name):
                 raise DataError(f"offers: a feature cannot be called {name!r}: the name is taken; rename the column")
+        if self.group_names is not None and self.group.size and int(self.group.max()) >= len(self.group_names):
+            raise DataError(f"offers: {len(self.group_names)} names of groups, and a group {int(self.group.max())}")
         absurd = np.abs(self.compensation) > 1e100
         if absurd.any():
             i = int(absurd.argmax())
@@ -152,7 +157,8 @@ class Offers:
     def take(self, rows: Any) -> Offers:
         """Return some of the rows, by mask or by index."""
         cluster = None if self.cluster is None else self.cluster[rows]
-        return Offers(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=self.names, cluster=cluster)
+        kept = {name: getattr(self, name)[rows] for name in _COLUMNS}
+        return Offers(**kept, names=self.names, cluster=cluster, group_names=self.group_names)
 
     @classmethod
     def join(cls, parts: Sequence[Offers]) -> Offers:
@@ -170,16 +176,21 @@ class Offers:
         clusters = [part.cluster for part in parts if part.cluster is not None]
         if len(clusters) not in (0, len(parts)):
             raise InputError("logs with clusters and logs without cannot be joined")
+        if len({part.group_names for part in parts}) > 1:
+            raise InputError("logs whose groups are called differently cannot be joined")
         columns = ("group", "features", "pickup", "dropoff", "compensation", "chosen")
         joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
         situation, cluster = _apart([part.situation for part in parts]), _apart(clusters) if clusters else None
-        return cls(situation=situation, **joined, names=parts[0].names, cluster=cluster)
+        named = parts[0].group_names
+        return cls(situation=situation, **joined, names=parts[0].names, cluster=cluster, group_names=named)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the log as a table, one row per request shown."""
         import pandas as pd
 
         left = pd.DataFrame({name: getattr(self, name) for name in _WHOLE})
+        if self.group_names is not None:
+            left["group"] = np.array(self.group_names, dtype=object)[self.group]
         features = pd.DataFrame(self.features, columns=list(self.names))
         right = pd.DataFrame({"compensation": self.compensation, "chosen": self.chosen})
         if self.cluster is not None:
@@ -237,6 +248,7 @@ class Offers:
             name: frame[name].to_numpy() if name in frame else np.zeros(len(frame), int)
             for name in ("group", "pickup", "dropoff", "compensation", "chosen")
         }
+        columns["group"], named = _named_groups(columns["group"])
         matrix = np.empty((len(frame), len(chosen)))
         for f, name in enumerate(chosen):
             try:
@@ -246,7 +258,7 @@ class Offers:
         labels = _labels("situation", frame["situation"])
         if cluster is not None:
             columns["cluster"] = _codes(_labels(cluster, frame[cluster]))[0]
-        return cls._labelled(labels, features=matrix, names=tuple(map(str, chosen)), **columns)
+        return cls._labelled(labels, features=matrix, names=tuple(map(str, chosen)), group_names=named, **columns)
 
     @classmethod
     def _labelled(cls, labels: Sequence[Any], **columns: Any) -> Offers:
@@ -321,9 +333,10 @@ class Offers:
         labels = columns.pop("situation").tolist()
         if cluster is not None:
             columns["cluster"] = _codes(columns.pop(cluster).tolist() if more else labels)[0]
+        columns["group"], named = _named_groups(columns.get("group", np.zeros(rows, int)))
         zeros = {name: np.zeros(rows, int) for name in ("group", "pickup", "dropoff") if name not in columns}
         try:
-            return cls._labelled(labels, features=matrix, names=tuple(chosen), **zeros, **columns)
+            return cls._labelled(labels, features=matrix, names=tuple(chosen), group_names=named, **zeros, **columns)
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
 
@@ -334,6 +347,19 @@ class _SituationError(DataError):
     def __init__(self, situation: Any, what: str) -> None:
         super().__init__(f"offers: situation {situation} {what}")
         self.situation, self.what = situation, what
+
+
+def _named_groups(column: Any) -> tuple[Any, tuple[str, ...] | None]:
+    """Return numbers of groups and their names, in the order of the alphabet; or what is no text as it is."""
+    values = column.tolist() if isinstance(column, np.ndarray) and column.dtype.kind in "OU" else []
+    if not any(isinstance(value, str) for value in values):
+        return column, None
+    wrong = next((i for i, value in enumerate(values) if not isinstance(value, str) or not value.strip()), None)
+    if wrong is not None:
+        raise DataError(f"offers: group in row {wrong} is {values[wrong]!r}, and others have names: give each its name")
+    names = sorted(set(values))
+    number = {name: g for g, name in enumerate(names)}
+    return np.array([number[value] for value in values], dtype=np.int64), tuple(names)
 
 
 def _features(names: list[Any], features: Sequence[str] | None, cluster: str | None) -> list[Any]:

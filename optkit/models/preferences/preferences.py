@@ -11,14 +11,18 @@ the delta method carries the covariance of theta to that of (w, mu) (``docs/expl
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, real
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import Floats, Ints, read_document, real, write_document
+from optkit.basics.errors import DataError, InputError
 from optkit.models.preferences.attributes import Attributes
+
+FORMAT, VERSION = "optkit preferences", 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,8 @@ class Preferences:
         One model for all groups (single MNL); otherwise model d is that of group d (Multi MNL).
     results : tuple
         The estimation results, statsmodels style, one per model; empty where the preferences are not estimates.
+    group_names : tuple of str or None
+        What the groups are called.
     """
 
     attributes: Attributes
@@ -49,6 +55,7 @@ class Preferences:
     covariance: tuple[Floats, ...] = ()
     pooled: bool = False
     results: tuple[Any, ...] = field(default=(), repr=False)
+    group_names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         G, p = np.shape(self.weights)
@@ -56,6 +63,8 @@ class Preferences:
             raise InputError(f"weights {np.shape(self.weights)} do not fit {len(self.attributes.columns)} columns")
         if not (np.isfinite(self.weights).all() and np.isfinite(self.scale).all() and (self.scale > 0).all()):
             raise InputError("preferences must be finite, and every mu positive")
+        if self.group_names is not None and not self.pooled and len(self.group_names) != G:
+            raise InputError(f"{len(self.group_names)} names of groups for {G} models")
 
     def model_of(self, group: Ints) -> Ints:
         """Return the number of the model that speaks for each worker group.
@@ -112,7 +121,8 @@ class Preferences:
         columns = {"names": list(self.attributes.names), **places, "reference": bool(self.attributes.reference)}
         weights, scale, *covariance = (np.asarray(x).tolist() for x in (self.weights, self.scale, *self.covariance))
         believed = {"weights": weights, "scale": scale, "pooled": bool(self.pooled)}
-        return {"attributes": columns, **believed, "covariance": covariance}
+        named = {} if self.group_names is None else {"group_names": list(self.group_names)}
+        return {"attributes": columns, **believed, "covariance": covariance, **named}
 
     @classmethod
     def from_dict(cls, plain: dict[str, Any]) -> Preferences:
@@ -128,9 +138,45 @@ class Preferences:
             attributes = Attributes(tuple(columns.pop("names")), **columns)
             weights, scale = (real(name, plain[name]) for name in ("weights", "scale"))
             covariance = tuple(real("covariance", one, accept="any") for one in plain["covariance"])
-            return cls(attributes, weights, scale, covariance, bool(plain["pooled"]))
+            named = plain.get("group_names")
+            called = None if named is None else tuple(map(str, named))
+            return cls(attributes, weights, scale, covariance, bool(plain["pooled"]), group_names=called)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"preferences cannot be read: {error}") from None
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the preferences as JSON, whole or not at all; not the estimation results.
+
+        Raises
+        ------
+        OptkitError
+            If the disk refuses.
+        """
+        return write_document(path, {"format": FORMAT, "version": VERSION, **self.to_dict()}, "preferences")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Preferences:
+        """Read preferences that :meth:`save` or ``optkit fit --out FOLDER`` wrote.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be read, is not such a file, or was changed since; who edits one takes its entry
+            ``sha256`` out.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> believed = Preferences(Attributes(("km",)), np.array([[-1.5, -4.0]]), np.array([2.0]))
+        >>> with tempfile.TemporaryDirectory() as place:
+        ...     Preferences.load(believed.save(f"{place}/preferences.json")).weights.tolist()
+        [[-1.5, -4.0]]
+        """
+        plain = read_document(path, FORMAT, VERSION, "preferences of optkit")
+        try:
+            return cls.from_dict(plain)
+        except InputError as error:
+            raise DataError(f"{os.fspath(path)}: {error}") from None
 
     def table(self) -> Any:
         """Return a DataFrame with one row per model and parameter: ``estimate`` and ``standard_error``, in money."""
@@ -140,7 +186,8 @@ class Preferences:
         for g, (w, mu) in enumerate(zip(self.weights, self.scale, strict=True)):
             error = np.sqrt(np.diag(self.covariance[g])) if self.covariance else np.full(len(w) + 1, np.nan)
             for name, value, se in zip((*self.attributes.columns, "mu"), (*w, mu), error, strict=True):
-                rows.append({"group": "all" if self.pooled else g, "parameter": name, "estimate": value})
+                label = "all" if self.pooled else g if self.group_names is None else self.group_names[g]
+                rows.append({"group": label, "parameter": name, "estimate": value})
                 rows[-1]["standard_error"] = se
         return pd.DataFrame(rows)
 
