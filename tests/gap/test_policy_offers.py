@@ -37,10 +37,10 @@ def by_place(state):
 @pytest.mark.slow
 @pytest.mark.parametrize("day", [DAY, GROUPS], ids=["one group", "three"])
 def test_enumerated_is_the_mean_of_simulated(day):
-    """4,000 simulations with fresh noise agree within four standard errors, for each policy."""
+    """1,500 simulations with fresh noise agree within four standard errors, for each policy."""
     source = scenario("I.2", seed=0) if day is DAY else scenario("II", seed=0, request_rate=0.25)
-    patient = train(source.sample(40, seed=2), choice="true").policy
-    runs = Batch.of([day.with_noise(k) for k in range(4000)])
+    patient = train(source.sample(20, seed=2), choice="true").policy
+    runs = Batch.of([day.with_noise(k) for k in range(1500)])
     for name, policy in {"by place": by_place, "myopic": PostDecisionPricing(), "patient": patient}.items():
         earned = simulate(runs, policy).reward
         assert abs(earned.mean() - enumerated(day, policy)) < 4 * earned.std() / np.sqrt(earned.size), name

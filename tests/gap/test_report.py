@@ -28,7 +28,7 @@ NAMED = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}
 @pytest.fixture(scope="module")
 def charges():
     """Value and foresight of a small world, trained in a moment."""
-    made = scenario_charging(scenario("I.2", seed=3, horizon=STEPS), training=150, pool=40, estimator=LinearValue())
+    made = scenario_charging(scenario("I.2", seed=3, horizon=STEPS), training=80, pool=40, estimator=LinearValue())
     return {"value": made.value, "foresight": made.foresight, "assumptions": made.assumptions}
 
 
@@ -185,7 +185,7 @@ def test_ones_own_policy(days):
 @pytest.mark.slow
 def test_simulated_and_enumerated_agree(days, charges, report):
     """Where too much may wait a policy is simulated and others are charged for: the same means within 4 errors."""
-    exact, drawn = report, gap_report(days, NAMED, kinds=["penalised"], limit=2, redraws=40, **charges)
+    exact, drawn = report, gap_report(days, NAMED, kinds=["penalised"], limit=2, redraws=20, **charges)
     assert drawn.policies["exact"].max() < exact.policies["exact"].min()
     for name in NAMED:
         for part in ("policy", "charge"):
@@ -257,8 +257,9 @@ def test_requests_that_arrive_otherwise_make_no_penalised_bound(days, charges):
 
 
 @pytest.mark.slow
-def test_a_rush_that_was_learned_makes_a_claim():
+def test_a_rush_that_was_learned_makes_a_claim(monkeypatch):
     """Rates by time of day from other days are not contradicted; a steady rate of the same mean is."""
+    monkeypatch.setattr(processes, "STEPS", 24)
     others, measured = (processes.days(processes.rush, count, seed) for count, seed in ((40, 1), (10, 2)))
     made = worker_charging(others, learn_worker_rates(others), estimator=LinearValue())
     told = {"assumptions": made.assumptions, "learned": made.learned, "kinds": ["penalised"]}
@@ -389,7 +390,7 @@ def test_the_ladder_has_a_rung_for_each(report):
 @pytest.mark.slow
 def test_linear_charges_are_paid_by_nobody_and_lower_the_multipliers_bound():
     """As with charges by a value function: a policy's own take the luck out, and no path is below zero."""
-    source = scenario("I.1", seed=0, split=(60, 24, 0), horizon=25)
+    source = scenario("I.1", seed=0, split=(40, 20, 0), horizon=20)
     found = gap_report(source, NAMED, kinds=["lagrangian", "penalised-lagrangian"])
     rows, gaps = found.rows, found.gaps.set_index(["policy", "bound"])
     for name in NAMED:
@@ -404,7 +405,7 @@ def test_linear_charges_are_paid_by_nobody_and_lower_the_multipliers_bound():
 @pytest.mark.slow
 def test_linear_charges_are_simulated_where_too_many_wait():
     """Told apart or not, a policy is charged the same in the mean: by 4 standard errors of the draws."""
-    source = scenario("I.1", seed=0, split=(20, 2, 0), horizon=15)
+    source = scenario("I.1", seed=0, split=(10, 2, 0), horizon=15)
     asked = {"kinds": ["penalised-lagrangian"], "redraws": 2000}
     exact, drawn = (gap_report(source, {"half": RewardPercentage(0.5)}, limit=limit, **asked) for limit in (14, 0))
     assert exact.policies["exact"].item() == 2
@@ -430,6 +431,6 @@ def test_other_days_tell_what_few_bounded_ones_hide():
     foresight = Foresight(fifo_presence(0.5), np.ones(1))
     assert not process_tests(bounded, foresight)[0]
     assert "workers do not come" in process_tests(bounded, foresight, others=others)[0][0]
-    made = worker_charging(others, 0.5)
+    made = worker_charging(others, 0.5, estimator=LinearValue())
     asked = {"value": made.value, "foresight": made.foresight, "kinds": ["penalised"]}
     assert gap_report(bounded, NAMED, others=others, **asked).refused

@@ -16,7 +16,7 @@ HERE = {"seed": 0, "horizon": 20}
 @pytest.fixture(scope="module")
 def pool():
     """What might have arrived, by the assumption."""
-    return Foresight([0.5], [1.0], scenario("I.2", **HERE).sample(300, seed=1))
+    return Foresight([0.5], [1.0], scenario("I.2", **HERE).sample(150, seed=1))
 
 
 @pytest.mark.slow

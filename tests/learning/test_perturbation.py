@@ -36,7 +36,7 @@ def test_true_preferences_are_the_worlds_utilities():
         np.testing.assert_array_equal(true.scale, one.mu)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(epsilon=st.floats(0, 6), seed=st.integers(0, 2**32))
 def test_lengths_lie_between_the_spheres(epsilon, seed):
     """For any epsilon every group moves by max(0, epsilon - 1) to epsilon, and mu stays positive.

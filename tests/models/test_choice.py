@@ -10,7 +10,7 @@ from optkit.models.choice import acceptance_probabilities
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-bounded = settings(derandomize=True, deadline=None, max_examples=60)
+bounded = settings(derandomize=True, deadline=None, max_examples=30)
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 12)
 

@@ -16,7 +16,7 @@ from optkit.policies.explore import Explore, RandomOffers
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
 
-SOURCE = scenario("II", seed=0, horizon=20)
+SOURCE = scenario("II", seed=0, horizon=15)
 DAYS = SOURCE.sample(8, seed=1)
 BELIEVED = perturb(true_preferences(SOURCE), 3.0, seed=0)
 DRAWN = {"random": RandomOffers(seed=3), "exploring": Explore(RewardPercentage(0.5), 2.0)}
@@ -34,7 +34,7 @@ def policies():
         "myopic": PostDecisionPricing(),
         "clipped": PostDecisionPricing(nonnegative="clip"),
         "believing": PostDecisionPricing(choice=BELIEVED),
-        "bid prices": PostDecisionPricing(value_function=bid_prices(SOURCE, 1e-3)[1]),
+        "bid prices": PostDecisionPricing(value_function=bid_prices(SOURCE, 1e-2)[1]),
         "patient": PostDecisionPricing(value_function=BelievedValue(value)),
         "patient believing": PostDecisionPricing(choice=BELIEVED, value_function=BelievedValue(value, BELIEVED)),
     }

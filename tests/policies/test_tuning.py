@@ -16,8 +16,8 @@ SMALL = {"reward": (0.0, 0.5, 0.7), "distance": (0.0, 10.0), "penalty": (-0.1, 0
 
 @pytest.fixture(scope="module")
 def days():
-    """Twelve instances of scenario II."""
-    return scenario("II", seed=2).sample(12, seed=3)
+    """Twelve instances of scenario II, of twenty steps."""
+    return scenario("II", seed=2, horizon=20).sample(12, seed=3)
 
 
 @pytest.mark.slow
@@ -51,10 +51,10 @@ def test_formula_against_a_plain_loop(days, at_once, monkeypatch):
 @pytest.mark.slow
 def test_requests_that_a_worker_likes_as_much():
     """Of requests that are worth the same to a worker the first is taken, as by the simulator: to the last digit."""
-    day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    day = scenario("I.1", seed=0, horizon=20).sample(1, seed=1)[0]
     equal = {name: np.full(day.n_requests, value) for name, value in (("reward", 50.0), ("penalty", -10.0))}
     noise = {"noise": np.zeros((day.n_workers, day.n_requests)), "outside_noise": np.zeros(day.n_workers)}
-    rising = np.linspace(-40.0, -30.0, day.n_requests).round()[None]  # several of each
+    rising = np.linspace(-40.0, -36.0, day.n_requests).round()[None]  # several of each
     alike = replace(day, **equal, utility=rising, features=np.zeros((day.n_requests, 1)), **noise)
     unlike = replace(alike, penalty=-np.arange(1.0, 1 + day.n_requests) / 3)
     for one in (alike, unlike):

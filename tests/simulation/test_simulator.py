@@ -181,7 +181,7 @@ def test_scenarios_against_the_slow_simulator(name, policy):
 
 
 @pytest.mark.slow
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(small_instances(), min_size=1, max_size=5), st.sampled_from(sorted(PAIRS)))
 def test_small_instances_against_the_slow_simulator(instances, policy):
     """They agree on any mixture of horizons, groups, crowds, dense and sparse noise, down to nobody at all."""
@@ -190,7 +190,7 @@ def test_small_instances_against_the_slow_simulator(instances, policy):
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(small_instances(), min_size=1, max_size=5), st.integers(0, 2**32 - 1))
 def test_laws_of_every_run(instances, seed):
     """Money adds up, each request ends accepted or expired exactly once, and workers take only what is open.
@@ -217,7 +217,7 @@ def test_laws_of_every_run(instances, seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(small_instances(), min_size=2, max_size=5), st.sampled_from(sorted(PAIRS)))
 def test_company_does_not_matter(instances, policy):
     """An instance ends the same alone, in company and in any order; optimal prices to rounding, others to the bit."""

@@ -18,7 +18,7 @@ from optkit.bounds.bound import prove
 from optkit.bounds.full.full_information import full_information
 
 seeds = st.integers(0, 2**32 - 1)
-bounded = settings(derandomize=True, deadline=None, max_examples=40)
+bounded = settings(derandomize=True, deadline=None, max_examples=25)
 home = sys.modules[arrival_information.__module__]  # the package may bind the module's name to the function
 
 

@@ -20,7 +20,7 @@ from optkit.models.pricing import optimal_prices
 from optkit.policies import PostDecisionPricing, RewardPercentage
 
 seeds = st.integers(0, 2**32 - 1)
-bounded = settings(derandomize=True, deadline=None, max_examples=40)
+bounded = settings(derandomize=True, deadline=None, max_examples=25)
 
 
 def one_request(workers, **changes):

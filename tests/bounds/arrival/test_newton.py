@@ -48,7 +48,7 @@ def test_the_optimum_is_certified_at_any_noise(random_instance, seed, kind, fact
 
 @pytest.mark.slow
 @given(seeds, kinds)
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=25)
 def test_sparse_and_dense_linear_algebra_agree(random_instance, seed, kind):
     market = OpenPairs.of(random_instance(np.random.default_rng(seed), **kind))
     values = []

@@ -15,7 +15,7 @@ from optkit.bounds.arrival.lattice import lattice_bits, reachable, stages
 from optkit.bounds.arrival.subsets import SubsetProgram
 
 seeds = st.integers(0, 2**32 - 1)
-bounded = settings(derandomize=True, deadline=None, max_examples=40)
+bounded = settings(derandomize=True, deadline=None, max_examples=25)
 
 
 def best_profit(value, logit, mu, nonnegative=True):

@@ -41,7 +41,7 @@ def with_one_more(model, count, step, steps_left, reward, penalty, utility):
 
 @pytest.mark.slow
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_the_price_is_the_derivative_of_the_bound(seed):
     """What one more request that waits would add, by finite differences of the fluid bound."""
     rng = np.random.default_rng(seed)

@@ -69,7 +69,7 @@ def test_known_optimum_matching_and_prices(case, method):
 
 @pytest.mark.slow
 @given(seeds, kinds)
-@settings(deadline=None, max_examples=40)  # the integer program takes a few milliseconds
+@settings(deadline=None, max_examples=25)  # the integer program takes a few milliseconds
 def test_all_methods_agree_and_certify(random_instance, seed, kind):
     day = random_instance(np.random.default_rng(seed), requests=15, workers=9, **kind)
     values = {}

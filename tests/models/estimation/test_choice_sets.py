@@ -11,7 +11,7 @@ from optkit.models.rows import Rows
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-bounded = settings(derandomize=True, deadline=None, max_examples=60)
+bounded = settings(derandomize=True, deadline=None, max_examples=30)
 ragged = st.lists(st.integers(1, 8), min_size=1, max_size=20)
 
 

@@ -17,8 +17,8 @@ from tests.models.estimation.fifty_digits import outcome
 @pytest.mark.slow
 def test_hard_choices_are_estimated_or_refused():
     """Scales from 1e-6 to 1e6, offsets to 1e5, any start and tolerance: refused, or the reference's estimate."""
-    found = Counter(outcome(seed, most_sets=30) for seed in range(60))
-    assert min(found["right"], found["refused"]) >= 20
+    found = Counter(outcome(seed, most_sets=30) for seed in range(45))
+    assert min(found["right"], found["refused"]) >= 15
 
 
 @pytest.mark.parametrize(("seed", "ends"), [(200260, "refused"), (201230, "right"), (202096, "right")])

@@ -27,7 +27,7 @@ def separated_by_hand(rivals):
 
 
 @pytest.mark.slow
-@settings(derandomize=True, deadline=None, max_examples=80)
+@settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.integers(1, 40), st.integers(1, 4), st.integers(0, 2**32 - 1))
 def test_it_agrees_with_the_whole_linear_program(n, k, seed):
     # Small integers, so that ties, and with them quasi-complete separation, are common.

@@ -13,7 +13,7 @@ from optkit.models.pricing.certificate import certify, dual_bound
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-bounded = settings(derandomize=True, deadline=None, max_examples=60)
+bounded = settings(derandomize=True, deadline=None, max_examples=30)
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 10)
 forms = st.booleans()
@@ -195,7 +195,7 @@ def test_with_nothing_on_offer_nothing_is_optimal():
 
 
 @pytest.mark.slow
-@settings(bounded, max_examples=100)
+@settings(bounded, max_examples=50)
 @given(seeds, st.sampled_from([1, 3, 30, 1000]), st.floats(-3, 3), st.floats(-3, 6), st.floats(-3, 6), forms)
 def test_the_bound_is_above_the_profit_of_any_prices_at_any_scale(seed, n, log_mu, log_value, log_utility, nonnegative):
     rng = np.random.default_rng(seed)

@@ -15,7 +15,7 @@ from optkit.models.pricing import closed_form
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-bounded = settings(derandomize=True, deadline=None, max_examples=80)
+bounded = settings(derandomize=True, deadline=None, max_examples=40)
 seeds = st.integers(0, 2**32 - 1)
 EPS = np.finfo(float).eps
 

@@ -13,7 +13,7 @@ from optkit.models.pricing import Pricing, certify, optimal_prices
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-bounded = settings(derandomize=True, deadline=None, max_examples=60)
+bounded = settings(derandomize=True, deadline=None, max_examples=30)
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 10)
 forms = st.sampled_from([True, False])
@@ -44,7 +44,7 @@ def same(found: Pricing, expected: Pricing, tolerance: float, mu: float = 1.0):
 
 
 @pytest.mark.slow
-@settings(bounded, max_examples=30)
+@settings(bounded, max_examples=25)
 @given(seeds, st.integers(1, 5), forms)
 def test_a_general_optimiser_started_anywhere_finds_no_more(seed, n, nonnegative):
     v, u, mu, outside = draw(seed, n)
@@ -304,7 +304,7 @@ def test_the_caller_keeps_the_arrays():
 
 
 @pytest.mark.slow
-@settings(bounded, max_examples=150)
+@settings(bounded, max_examples=75)
 @given(
     seeds,
     st.sampled_from([1, 2, 5, 30, 1000]),

@@ -32,7 +32,7 @@ KINDS = st.sampled_from([*LIGHT, "kernel"])
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=50, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]), st.booleans())
 def test_opportunity_costs_are_differences_of_values(random_sets, kind, seed, b, w, groups, ties):
     """All removals at once equal the value with less the value without, request by request (rounding: 1e-10)."""
@@ -43,7 +43,7 @@ def test_opportunity_costs_are_differences_of_values(random_sets, kind, seed, b,
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=50, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]), st.booleans())
 def test_opportunity_costs_without_each_request(random_sets, kind, seed, b, w, groups, ties):
     """What is left of a set costs what it does as a set of its own; padding leaves nothing less (rounding: 1e-10)."""
@@ -55,7 +55,7 @@ def test_opportunity_costs_without_each_request(random_sets, kind, seed, b, w, g
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]))
 def test_all_is_linear_in_the_coefficients(random_sets, kind, seed, b, w, groups):
     """Regressors times coefficients are the value and the opportunity cost (rounding: 1e-10)."""
@@ -66,7 +66,7 @@ def test_all_is_linear_in_the_coefficients(random_sets, kind, seed, b, w, groups
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(st.sampled_from(LIGHT), st.integers(0, 10**6), st.sampled_from([1, 3]), st.booleans())
 def test_order_of_the_columns_does_not_matter(random_sets, kind, seed, groups, ties):
     """A set has no order: permuted columns give the same value and permuted costs, with ties too (rounding: 1e-10)."""
@@ -185,7 +185,7 @@ def test_sets_wider_than_any_knot():
     assert one.value(few, theta.ravel())[0] == 0.0
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(st.floats(-100, 100))
 def test_hats_are_a_partition(x):
     """Hat functions lie in [0, 1], add up to 1, and reproduce x between the outer knots (rounding: 1e-12)."""
