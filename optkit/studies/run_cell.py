@@ -19,7 +19,7 @@ from optkit.instances.catalogue import scenario
 from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario, Split
 from optkit.learning.perturbation import perturb, true_preferences
-from optkit.learning.rounds import learn_once, learn_preferences
+from optkit.learning.rounds import Learned, learn_once, learn_preferences
 from optkit.learning.training import train
 from optkit.models.preferences.preferences import Preferences
 from optkit.policies import PostDecisionPricing
@@ -61,7 +61,7 @@ def run_cell(cell: Cell, trips: tuple[str, ...] | None = None) -> Result:
     ['margin', 'paid', 'reward', 'score', 'served']
     """
     source = _source(cell.place, trips)
-    return _WORK[cell.kind](source, _split(_name(cell.place), trips), cell.settings)
+    return _WORK[cell.kind](source, _split(source), cell.settings)
 
 
 def _name(place: Place) -> tuple[Any, ...]:
@@ -87,8 +87,17 @@ def _scenario(name: tuple[Any, ...], trips: tuple[str, ...] | None) -> Scenario:
 
 
 @lru_cache(maxsize=2)
-def _split(name: tuple[Any, ...], trips: tuple[str, ...] | None) -> Split:
-    return _scenario(name, trips).split()
+def _split(source: Scenario) -> Split:
+    return source.split()
+
+
+@lru_cache(maxsize=4)
+def _learned(source: Scenario, once: bool, pooled: bool, seed: int) -> Learned:
+    """Return what is learned from the training instances: cells that this process works out share it."""
+    days = _split(source).train
+    if once:
+        return learn_once(days, pooled=pooled, seed=seed)
+    return learn_preferences(days, pooled=pooled, seed=seed, begun=_learned(source, True, pooled, seed))
 
 
 def _bounds(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
@@ -122,7 +131,7 @@ def _policy(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
     if settings["policy"] not in POLICIES:
         raise InputError(f"no policy {settings['policy']!r}; there are {', '.join(POLICIES)}")
     spec = POLICIES[settings["policy"]]
-    policy = _trained(split, spec, int(settings["seed"]))
+    policy = _trained(source, split, spec, int(settings["seed"]))
     score = float(simulate(split.validation, policy).reward.mean()) if split.validation else None
     outcome = simulate(split.test, policy)
     result: Result = {
@@ -137,26 +146,26 @@ def _policy(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
     return result
 
 
-def _trained(split: Split, spec: Spec, seed: int) -> Policy:
+def _trained(source: Scenario, split: Split, spec: Spec, seed: int) -> Policy:
     if spec.rule is not None:
         tuned = tune_reward_percentage(split.train) if spec.rule == "PP" else tune_formula(split.train)
         return tuned.policy
     if spec.value is None:
         if spec.choice == "true":
             return PostDecisionPricing()
-        return PostDecisionPricing(choice=_preferences(split, spec.choice, seed))
-    if spec.choice in ("true", "learned"):
-        return train(split, spec.value, choice=spec.choice, seed=seed).policy  # type: ignore[arg-type]
-    return train(split, spec.value, choice=_preferences(split, spec.choice, seed), seed=seed).policy
+        return PostDecisionPricing(choice=_preferences(source, spec.choice, seed))
+    if spec.choice == "true":
+        return train(split, spec.value, choice="true", seed=seed).policy
+    if spec.choice == "learned":
+        learned = _learned(source, False, False, seed)
+        return train(split, spec.value, choice="learned", learned=learned, seed=seed).policy
+    return train(split, spec.value, choice=_preferences(source, spec.choice, seed), seed=seed).policy
 
 
-def _preferences(split: Split, choice: str, seed: int) -> Preferences:
+def _preferences(source: Scenario, choice: str, seed: int) -> Preferences:
     if choice not in CHOICES or choice == "true":
         raise InputError(f"choice = {choice!r} is not learned")
-    pooled = choice.startswith("single")
-    once = choice.endswith("paper")
-    learn = learn_once if once else learn_preferences
-    return learn(split.train, pooled=pooled, seed=seed).preferences
+    return _learned(source, choice.endswith("paper"), choice.startswith("single"), seed).preferences
 
 
 def _details(test: Sequence[Instance], accepted: Ints, compensation: Floats, source: Scenario) -> Result:
@@ -175,7 +184,7 @@ def _details(test: Sequence[Instance], accepted: Ints, compensation: Floats, sou
 
 def _estimate(source: Scenario, split: Split, settings: dict[str, Any]) -> Result:
     """Errors of learned utilities on the test instances' requests, true less estimated, by group."""
-    learned = _preferences(split, settings["choice"], int(settings["seed"]))
+    learned = _preferences(source, settings["choice"], int(settings["seed"]))
     error, means = _errors(source, split.test, learned)
     return {"error": error, **means}
 
