@@ -13,6 +13,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import fields
 from decimal import Decimal
+from functools import cache
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -295,6 +296,12 @@ def read_only(value: T) -> T:
     return value
 
 
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    """Names of a dataclass's fields; kept, as some are made a million times."""
+    return tuple(field.name for field in fields(kind))
+
+
 class ReadOnlyArrays:
     """Base of frozen dataclasses whose arrays nobody writes into: who looks at the world does not change it.
 
@@ -303,15 +310,15 @@ class ReadOnlyArrays:
     """
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
+        for name in _names(type(self)):
+            value = getattr(self, name)
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 seen = value.view()
                 seen.flags.writeable = False
-                object.__setattr__(self, field.name, seen)
+                object.__setattr__(self, name, seen)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return {name: getattr(self, name) for name in _names(type(self))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():

@@ -243,11 +243,12 @@ def _draw(owner: Ints, request: Ints, pool: int, foresight: Foresight, rng: np.r
         picked, p = np.append(picked, -1), np.append(p, foresight.nothing)
     else:
         raise InputError("no instance of the pool has arrivals at some step: give more of them, or leave nothing out")
-    count = np.array([(owner == b).sum() for b in picked])
-    rows = np.full((picked.size, int(count.max(initial=0))), -1, dtype=np.int64)
-    for row, b in zip(rows, picked, strict=True):
-        mine = request[owner == b]
-        row[: mine.size] = mine
+    # Requests go by owner; the last entry is that of -1, who has none.
+    each = np.append(np.bincount(owner, minlength=pool), 0)
+    count, start = each[picked], (each.cumsum() - each)[picked]
+    place = np.arange(int(count.max(initial=0)))
+    rows, there = np.full((picked.size, place.size), -1, dtype=np.int64), place < count[:, None]
+    rows[there] = request[(start[:, None] + place)[there]]
     return rows, p
 
 
