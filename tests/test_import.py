@@ -16,6 +16,7 @@ HEAVY = [
     "cvxpy",
     "statsmodels",
     "sklearn",
+    "torch",
     "matplotlib",
     "pandas",
     "highspy",
@@ -54,6 +55,7 @@ optimal_prices([1.0], [0.0])
 assert take() == before
 from optkit.gap.report import gap_report
 from optkit.learning.training import train
+import optkit.models.value.attention.value
 from optkit.studies.run_cell import run_cell
 
 train(days, choice="true")

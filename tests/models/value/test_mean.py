@@ -71,10 +71,10 @@ def test_one_member_is_that_member(days):
 
 @pytest.mark.slow
 def test_waiting_pays_on_fresh_instances():
-    """Against the myopic policy, paired on 200 instances, the 95 % interval excludes zero."""
+    """Against the myopic policy, paired on 150 instances, the 95 % interval excludes zero."""
     source = scenario("I.1", seed=0, horizon=25)
-    policy = train(source, "mean", choice="true", instances=160).policy
-    fresh = source.sample(200, seed=6)
+    policy = train(source, "mean", choice="true", instances=100).policy
+    fresh = source.sample(150, seed=6)
     assert mean_interval(simulate(fresh, policy).reward, simulate(fresh, PostDecisionPricing()).reward).low > 0
 
 

@@ -155,7 +155,7 @@ def solved(request):
         def opportunity_cost(self, state):
             return exact.opportunity_cost(state.step, state.pickup, np.maximum(state.steps_left, 0), state.offered)
 
-    fresh = model.sample(4000, seed=2)
+    fresh = model.sample(2500 if model is SCARCE else 4000, seed=2)
     policies = (PostDecisionPricing(value_function=Exact()), PostDecisionPricing())
     return model, exact.value, fresh, *(simulate(fresh, policy).reward for policy in policies)
 
@@ -163,7 +163,7 @@ def solved(request):
 @pytest.mark.slow
 @pytest.mark.parametrize("form", [LinearValue(), KernelValue(), MeanValue()], ids=["linear", "kernel", "mean"])
 def test_trained_policies_are_nearly_optimal(solved, form):
-    """Trained on 300 instances, on 4000 others: above myopic, not above the optimum, and within 0.5 % of it.
+    """Trained on 300 instances, on 2500 or 4000 others: above myopic, not above the optimum, and within 0.5 % of it.
 
     Paired with the exact policy on the same instances, its share is known to some 0.2 %. All forms reach 99.7 % of it
     and more, myopic prices 99.0 and 95.4 %.
