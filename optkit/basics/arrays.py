@@ -13,7 +13,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import fields
 from decimal import Decimal
-from functools import cache
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -296,10 +295,14 @@ def read_only(value: T) -> T:
     return value
 
 
-@cache
+_NAMES: dict[type, tuple[str, ...]] = {}
+"""Names of the fields of dataclasses that have been made: some are made a million times."""
+
+
 def _names(kind: type) -> tuple[str, ...]:
-    """Names of a dataclass's fields; kept, as some are made a million times."""
-    return tuple(field.name for field in fields(kind))
+    if kind not in _NAMES:
+        _NAMES[kind] = tuple(field.name for field in fields(kind))
+    return _NAMES[kind]
 
 
 class ReadOnlyArrays:
