@@ -36,5 +36,7 @@ def scribble(thing):
     for path, array in list(arrays_within(thing)):
         tried.append(path)
         with suppress(ValueError):
+            array.flags.writeable = True  # as somebody does whom a refusal annoys
+        with suppress(ValueError):
             array[...] = ~array if array.dtype == bool else array + 7
     return tried

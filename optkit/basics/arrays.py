@@ -139,9 +139,9 @@ def floats(name: str, value: Any, shape: Shape | None, *, flags: bool = False, e
     InputError
         Or the error class given: if the shape is wrong (None allows any length), or an entry is not a finite number.
     """
-    array = np.array(real(name, value, flags=flags, error=error))
+    array = real(name, value, flags=flags, error=error)
     check_shape(name, array, shape, error=error)
-    return read_only(array)
+    return locked(array)
 
 
 def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputError) -> Ints:
@@ -162,7 +162,7 @@ def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputErro
     if wrong is not None and wrong.any():
         place = _first(wrong)
         raise error(f"{name}{_written(place)} = {array[place]:.17g} is not a whole number of moderate size")
-    return read_only(np.array(array, dtype=np.int64))
+    return locked(np.asarray(array, dtype=np.int64))
 
 
 def mask(name: str, value: Any, shape: Shape | None = None, *, error: Error = InputError) -> Bools:
@@ -281,8 +281,34 @@ def _shown(value: Any) -> str:
     return " ".join(repr(value.item() if isinstance(value, np.generic) else value).split())[:80]
 
 
+def locked(value: T) -> T:
+    """Return an array, or those of a tuple, as a copy that nobody can make writable: its memory is that of bytes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> one = locked(np.array([1.0, 2.0]))
+    >>> one.flags.writeable = True
+    Traceback (most recent call last):
+    ...
+    ValueError: cannot set WRITEABLE flag to True of this array
+    """
+    part: Any = value
+    if isinstance(part, tuple):
+        return tuple(map(locked, part))  # type: ignore[return-value]
+    if not isinstance(part, np.ndarray) or part.dtype.hasobject or not part.size:
+        return read_only(part)  # type: ignore[no-any-return]
+    # In the order in which it lies there: sums along an axis then round as before.
+    order: Literal["C", "F"] = "F" if part.flags.f_contiguous and not part.flags.c_contiguous else "C"
+    flat = np.frombuffer(part.tobytes(order), part.dtype)
+    return flat.reshape(part.shape, order=order)  # type: ignore[return-value]
+
+
 def read_only(value: T) -> T:
-    """Make an array read-only for good, with what it is a view of; also those of a sparse array, and of a tuple."""
+    """Make an array read-only, with what it is a view of; also those of a sparse array, and of a tuple.
+
+    Who wants to can make it writable again, see :func:`locked`.
+    """
     part: Any = value
     while isinstance(part, np.ndarray):
         part.flags.writeable = False
@@ -325,7 +351,7 @@ class ReadOnlyArrays:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
-            object.__setattr__(self, name, read_only(value))
+            object.__setattr__(self, name, locked(value) if isinstance(value, np.ndarray) else read_only(value))
 
 
 def open_table(path: str | os.PathLike[str], remedy: str) -> Table:

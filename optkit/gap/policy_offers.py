@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats, Ints, read_only
+from optkit.basics.arrays import Bools, Floats, Ints, locked
 from optkit.bounds.arrival.policy_value import Offer
 from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
@@ -56,7 +56,7 @@ def lattice_offers(instance: Instance, policy: Policy) -> Offer:
             # All belong to the first run, of the first instance.
             nought = np.zeros(some.size, np.int64)
             seen = (nought, nought, np.full(some.size, worker), request, offered)
-            found = offers(policy, State(batch, step, *read_only(seen)))
+            found = offers(policy, State(batch, step, *locked(seen)))
             paid[some[:, None], column] = found
         return paid
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from optkit.basics import arrays
-from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, read_only
+from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, locked
 from optkit.basics.errors import InstanceError
 from optkit.instances.clock import Clock
 from optkit.instances.labels import Identifiers, identifiers, names_of
@@ -256,7 +256,9 @@ class Instance(ReadOnlyArrays):
             p = int((~np.isfinite(data)).argmax())
             raise InstanceError(f"noise[{worker[p]}, {request[p]}] is {data[p]}: draw it again; optkit never guesses")
         starts = np.searchsorted(worker, np.arange(shape[0] + 1))
-        return read_only(sparse.csr_array((data, request, starts), shape=shape))
+        made = sparse.csr_array((data, request, starts), shape=shape)
+        made.data, made.indices, made.indptr = locked((made.data, made.indices, made.indptr))
+        return made
 
     @property
     def steps(self) -> int:

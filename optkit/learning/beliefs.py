@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, read_only
+from optkit.basics.arrays import Floats, locked
 from optkit.basics.users_code import name_of, users_code
 from optkit.learning.worker_presence import presence_after
 from optkit.models.preferences.preferences import Preferences
@@ -33,7 +33,7 @@ def believed_requests(batch: Batch, preferences: Preferences | None = None) -> K
         groups = np.arange(batch.groups)[:, None]
         utility = preferences.utility_of(batch.features, batch.pickup, batch.dropoff, groups)
     places = (batch.features, batch.pickup, batch.dropoff)
-    return KnownRequests(batch.reward, batch.penalty, batch.arrival, batch.expiry, read_only(utility), *places)
+    return KnownRequests(batch.reward, batch.penalty, batch.arrival, batch.expiry, locked(utility), *places)
 
 
 def believed_workers(batch: Batch, preferences: Preferences | None = None) -> Workers:
@@ -47,7 +47,7 @@ def believed_workers(batch: Batch, preferences: Preferences | None = None) -> Wo
     else:
         mu = preferences.scale[preferences.model_of(np.arange(batch.groups))]
     within = np.arange(batch.horizon)[:, None] < np.array([one.horizon for one in batch.instances])
-    return Workers(*read_only((presence_after(batch.worker_at >= 0, within), share, mu)))
+    return Workers(*locked((presence_after(batch.worker_at >= 0, within), share, mu)))
 
 
 def _outside(batch: Batch) -> Floats:
@@ -96,7 +96,7 @@ class BelievedValue:
         TrainingError
             If it returns NaN or infinity.
         """
-        waits = read_only(state.offered & (state.steps_left > 0))
+        waits = locked(state.offered & (state.steps_left > 0))
         busy = state.busy if getattr(self.value, "sees_busy", False) else None
         sets = RequestSets(self._requests(state.batch), state.step, state.request, waits, busy)
         with users_code(f"the opportunity_cost of {name_of(self.value)}, at step {state.step},"):

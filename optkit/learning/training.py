@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, floats, number, read_only, whole_number
+from optkit.basics.arrays import Floats, Ints, floats, locked, number, whole_number
 from optkit.basics.errors import InputError, TrainingError
 from optkit.basics.parallel import one_thread
 from optkit.basics.users_code import name_of, users_code
@@ -315,8 +315,8 @@ class _Course:
         return Experience(
             believed_requests(batch, preferences),
             believed_workers(batch, preferences),
-            read_only(owner),
-            read_only(last.copy()),
+            locked(owner),
+            locked(last.copy()),
             batch.busy,
             self.settings.discount,
         )

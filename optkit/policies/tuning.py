@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, Bools, Floats, floats, read_only, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, floats, locked, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.instances.instance import Instance
 from optkit.policies.formula import Formula, formula
@@ -193,7 +193,7 @@ def _rewards(batch: Batch, first: int, last: int, settings: Floats, pay: Callabl
         if live.size:
             # One decision for each request, though the worker is the same: their rows are put together below.
             one = live, owner[live], worker[live], order[live, None], np.ones((live.size, 1), dtype=bool)
-            state = State(batch, step, *read_only(one))
+            state = State(batch, step, *locked(one))
             still = open_[live]
             offer = _offers(pay, state, columns, still)
             total = np.where(still, state.utility + offer, -np.inf)

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, read_only
+from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, locked
 from optkit.basics.errors import InputError, InstanceError
 from optkit.instances.instance import Instance
 from optkit.instances.queue import busy_steps
@@ -97,7 +97,7 @@ class Batch(ReadOnlyArrays):
             steps = f"{len(listed)} instances of up to {max(one.horizon for one in listed):,} steps"
             raise InputError(f"{steps} take {size / 1e9:.0f} GB to simulate together: take fewer at a time")
         starts = [np.cumsum([0, *sizes]) for sizes in ([i.n_requests for i in listed], [i.n_workers for i in listed])]
-        return cls(listed, read_only(starts[0]), read_only(starts[1]))
+        return cls(listed, locked(starts[0]), locked(starts[1]))
 
     def __len__(self) -> int:
         return len(self.instances)
@@ -106,7 +106,7 @@ class Batch(ReadOnlyArrays):
         # One more entry at the end, so that padding has something harmless to point at.
         parts = [getattr(one, name) for one in self.instances]
         last = [np.zeros((1, *parts[0].shape[1:]), parts[0].dtype)] if parts else [np.zeros(1)]
-        return read_only(np.concatenate([*parts, *last]))
+        return locked(np.concatenate([*parts, *last]))
 
     @cached_property
     def reward(self) -> Floats:
@@ -121,12 +121,12 @@ class Batch(ReadOnlyArrays):
     @cached_property
     def arrival(self) -> Ints:
         """First steps, (N + 1,)."""
-        return read_only(self._join("arrival").astype(np.int64))
+        return locked(self._join("arrival").astype(np.int64))
 
     @cached_property
     def expiry(self) -> Ints:
         """Last steps, (N + 1,)."""
-        return read_only(self._join("expiry").astype(np.int64))
+        return locked(self._join("expiry").astype(np.int64))
 
     @cached_property
     def features(self) -> Floats:
@@ -136,12 +136,12 @@ class Batch(ReadOnlyArrays):
     @cached_property
     def pickup(self) -> Ints:
         """Pick-up locations, (N + 1,)."""
-        return read_only(self._join("pickup").astype(np.int64))
+        return locked(self._join("pickup").astype(np.int64))
 
     @cached_property
     def dropoff(self) -> Ints:
         """Drop-off locations, (N + 1,)."""
-        return read_only(self._join("dropoff").astype(np.int64))
+        return locked(self._join("dropoff").astype(np.int64))
 
     @cached_property
     def horizon(self) -> int:
@@ -159,23 +159,23 @@ class Batch(ReadOnlyArrays):
         joined = np.zeros((self.groups, self.request_start[-1] + 1))
         for one, start in zip(self.instances, self.request_start[:-1], strict=True):
             joined[: one.n_groups, start : start + one.n_requests] = one.utility
-        return read_only(joined)
+        return locked(joined)
 
     @cached_property
     def worker_group(self) -> Ints:
         """Groups of all workers, (M + 1,)."""
-        return read_only(self._join("worker_group").astype(np.int64))
+        return locked(self._join("worker_group").astype(np.int64))
 
     @cached_property
     def worker_mu(self) -> Floats:
         """Noise scale of every worker, (M,), money."""
-        return read_only(np.concatenate([one.mu[one.worker_group] for one in self.instances] or [np.zeros(0)]))
+        return locked(np.concatenate([one.mu[one.worker_group] for one in self.instances] or [np.zeros(0)]))
 
     @cached_property
     def worker_outside(self) -> Floats:
         """Mean outside utility of every worker, (M,), money."""
         parts = [one.outside_by_group[one.worker_group] for one in self.instances]
-        return read_only(np.concatenate(parts or [np.zeros(0)]))
+        return locked(np.concatenate(parts or [np.zeros(0)]))
 
     @cached_property
     def outside_noise(self) -> Floats:
@@ -188,12 +188,12 @@ class Batch(ReadOnlyArrays):
         at = np.full((self.horizon, len(self)), -1, dtype=np.int64)
         owner = np.repeat(np.arange(len(self)), np.diff(self.worker_start))
         at[self._join("worker_step")[: owner.size].astype(np.int64), owner] = np.arange(owner.size)
-        return read_only(at)
+        return locked(at)
 
     @cached_property
     def busy(self) -> Ints:
         """For how many steps, up to and with each, a worker has been seen without a break, (T, B)."""
-        return read_only(busy_steps(self.worker_at >= 0))
+        return locked(busy_steps(self.worker_at >= 0))
 
     @cached_property
     def arrivals(self) -> tuple[Ints, Ints]:
@@ -203,7 +203,7 @@ class Batch(ReadOnlyArrays):
         key = owner * (self.horizon + 1) + self.arrival[:n]
         count = np.bincount(key, minlength=(self.horizon + 1) * len(self))
         begin = (np.cumsum(count) - count).reshape(len(self), self.horizon + 1)
-        return read_only((np.argsort(key, kind="stable"), np.ascontiguousarray(begin.T)))
+        return locked((np.argsort(key, kind="stable"), np.ascontiguousarray(begin.T)))
 
     @cached_property
     def noise(self) -> Noise:
@@ -216,7 +216,7 @@ class Batch(ReadOnlyArrays):
         begin = np.cumsum(n * J) - n * J - self.request_start[:-1]
         owner = np.repeat(np.arange(len(self)), J)
         base = begin[owner] + (np.arange(J.sum()) - self.worker_start[owner]) * n[owner]
-        return DenseNoise(read_only(flat), read_only(base))
+        return DenseNoise(locked(flat), locked(base))
 
     def _pair_noise(self) -> Noise:
         keys, data, width = [], [], int(self.request_start[-1]) + 1
@@ -225,4 +225,4 @@ class Batch(ReadOnlyArrays):
             keys.append((worker + worker0) * width + request + request0)
             data.append(one.pair_noise())
         key, value = np.concatenate(keys), np.concatenate([*data, [0.0]])
-        return PairNoise(read_only(key), read_only(value), width)
+        return PairNoise(locked(key), locked(value), width)

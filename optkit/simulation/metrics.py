@@ -16,7 +16,7 @@ from optkit.basics.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-ROUNDING = 1e-10
+ROUNDING = 1e-12
 """Part of the money in play that counts as nothing."""
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, read_only, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, locked, real
 from optkit.basics.errors import PolicyError
 from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
@@ -150,7 +150,7 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
         if row.size:
             state = _state(batch, step, row, instance[row], worker[row], open_[row])
             offer = offers(policy, state)
-            taken = read_only(_choose(state, offer))
+            taken = locked(_choose(state, offer))
             if observe is not None:
                 observe(state, offer, taken)
             at = np.flatnonzero(taken >= 0)
@@ -209,7 +209,7 @@ def _state(batch: Batch, step: int, row: Ints, instance: Ints, worker: Ints, ope
     offered = open_ >= 0
     request = np.where(offered, open_, batch.request_start[-1])
     # A policy that wrote into what it sees would change the world.
-    return State(batch, step, *read_only((row, instance, worker, request, offered)))
+    return State(batch, step, *locked((row, instance, worker, request, offered)))
 
 
 def offers(policy: Policy, state: State) -> Floats:
@@ -244,7 +244,7 @@ def offers(policy: Policy, state: State) -> Floats:
             f"the policy {name} offers {offer[b, w]} for request {request} of instance {state.instance[b]} "
             f"at step {state.step}; a compensation is a finite number >= 0, of moderate size"
         )
-    return read_only(np.where(state.offered, offer, 0.0))
+    return locked(np.where(state.offered, offer, 0.0))
 
 
 def _choose(state: State, offer: Floats) -> Ints:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, read_only
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, locked
 from optkit.simulation.batch import Batch
 
 
@@ -47,7 +47,7 @@ class State(ReadOnlyArrays):
     offered: Bools
 
     def _of(self, per_request: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        return read_only(per_request.take(self.request, axis=0))
+        return locked(per_request.take(self.request, axis=0))
 
     @cached_property
     def reward(self) -> Floats:
@@ -77,35 +77,35 @@ class State(ReadOnlyArrays):
     @cached_property
     def steps_left(self) -> Ints:
         """Steps after this one in which the request can still be served, (b, w)."""
-        return read_only(self._of(self.batch.expiry) - self.step)
+        return locked(self._of(self.batch.expiry) - self.step)
 
     @cached_property
     def expiring(self) -> Bools:
         """Whether the request expires at this step, (b, w)."""
-        return read_only(self.offered & (self.steps_left == 0))
+        return locked(self.offered & (self.steps_left == 0))
 
     @cached_property
     def group(self) -> Ints:
         """The worker's group, (b,)."""
-        return read_only(self.batch.worker_group[self.worker])
+        return locked(self.batch.worker_group[self.worker])
 
     @cached_property
     def busy(self) -> Ints:
         """For how many steps in a row, this one included, a worker has been seen, (b,)."""
-        return read_only(self.batch.busy[self.step, self.instance])
+        return locked(self.batch.busy[self.step, self.instance])
 
     @cached_property
     def utility(self) -> Floats:
         """True mean utility of each request to the worker, (b, w), money."""
         true = self.batch.utility
-        return read_only(true[0].take(self.request) if len(true) == 1 else true[self.group[:, None], self.request])
+        return locked(true[0].take(self.request) if len(true) == 1 else true[self.group[:, None], self.request])
 
     @cached_property
     def mu(self) -> Floats:
         """True noise scale of the worker, (b,), money."""
-        return read_only(self.batch.worker_mu[self.worker])
+        return locked(self.batch.worker_mu[self.worker])
 
     @cached_property
     def outside_utility(self) -> Floats:
         """True mean utility of rejecting, (b,), money."""
-        return read_only(self.batch.worker_outside[self.worker])
+        return locked(self.batch.worker_outside[self.worker])

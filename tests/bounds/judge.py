@@ -14,7 +14,7 @@ mp.mp.dps = 60
 
 
 def best_profit(value: list[Any], logit: list[Any], mu: Any, nonnegative: bool = True) -> Any:
-    """Optimal profit of one decision: the root of mu sum_i w_i g((v_i - R)/mu) = R, by Newton's method."""
+    """Optimal profit of one decision: the root of mu sum_i w_i g((v_i - R)/mu) = R, by halves, then by Newton."""
     if not value:
         return mp.mpf(0)
 
@@ -28,12 +28,15 @@ def best_profit(value: list[Any], logit: list[Any], mu: Any, nonnegative: bool =
             slope += q
         return total, slope
 
-    # The left end: one request alone earns less, W0(exp z) >= z - ln z for z >= 1, and held prices more than none.
+    # Between ends, the left one where the sum is positive; Newton's method crawls by mu a step until it is near.
     R = min([mp.mpf(0), *value]) if nonnegative else mp.mpf(0)
-    top = max((v / mu + z - 1 for v, z in zip(value, logit, strict=True)), default=mp.mpf(0))
-    if not nonnegative and top > 2:
-        R = mu * (top - mp.log(top))
-    for _ in range(10_000):
+    right = max(abs(R), mu)
+    while sides(right)[0] > 0:
+        right *= 2
+    while right - R > mu / 4:
+        middle = (R + right) / 2
+        R, right = (middle, right) if sides(middle)[0] > 0 else (R, middle)
+    for _ in range(1_000):
         total, slope = sides(R)
         step = mu * total / slope
         R += step

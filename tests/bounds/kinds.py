@@ -55,12 +55,20 @@ def small_day(rng: np.random.Generator) -> Instance:
     unit, arrival = rng.choice(UNITS), np.sort(rng.integers(0, T, n))
     utility = rng.uniform(-40, 5, (D, n))
     utility[rng.random((D, n)) < 0.1] = rng.choice([-1e10, -1e15, 25.0])
+    penalty, mu, outside = rng.uniform(0, 10, n), 10.0 ** rng.uniform(-1.5, 1, D), rng.uniform(-3, 3, D)
+    # Where floats are strained: one penalty beyond all rewards, noise of another size, an outside option out of reach.
+    if rng.random() < 0.2:
+        penalty[rng.integers(n)] = 10.0 ** rng.uniform(3, 12)
+    if rng.random() < 0.2:
+        mu[rng.integers(D)] = 10.0 ** rng.uniform(-10, 3)
+    if rng.random() < 0.2:
+        outside[rng.integers(D)] = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(1, 7)
     return Instance(
         horizon=T, arrival=arrival, expiry=np.minimum(arrival + rng.integers(0, 4, n), T - 1),
-        reward=unit * rng.uniform(5, 60, n), penalty=-unit * rng.uniform(0, 10, n), features=np.zeros((n, 0)),
+        reward=unit * rng.uniform(5, 60, n), penalty=-unit * penalty, features=np.zeros((n, 0)),
         pickup=np.zeros(n, int), dropoff=np.zeros(n, int), worker_step=np.sort(rng.permutation(T)[:3]),
-        worker_group=rng.integers(0, D, 3), utility=unit * utility, mu=unit * 10.0 ** rng.uniform(-1.5, 1, D),
-        outside_utility=unit * rng.uniform(-3, 3, D),
+        worker_group=rng.integers(0, D, 3), utility=unit * utility, mu=unit * mu,
+        outside_utility=unit * outside,
     ).with_noise(rng)  # fmt: skip
 
 

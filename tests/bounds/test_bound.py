@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optkit import scenario
+from optkit import Instance, scenario
 from optkit.basics.errors import OptkitError, SolverError
-from optkit.bounds import full_information
+from optkit.bounds import arrival_information, full_information
 from optkit.bounds.bound import prove
+from tests.bounds.judge import arrival_optimum
 
 
 @pytest.fixture
@@ -30,6 +31,36 @@ def test_a_bound_below_its_proof_is_refused(bounded):
     day, bound = bounded
     with pytest.raises(SolverError, match="claimed"):
         prove(replace(bound, value=bound.value - 0.1), day)
+
+
+@pytest.mark.parametrize("penalty", [-1e6, -1e9, -1e12])
+@pytest.mark.parametrize("method", [full_information, arrival_information])
+def test_a_penalty_that_is_always_avoided_softens_nothing(random_instance, method, penalty):
+    """However large one penalty is, a bound that is lower by more than the rounding of a sum with it is refused."""
+    day = random_instance(np.random.default_rng(3))
+    wanted = np.argmax(day.expiry - day.arrival)
+    day = replace(day, penalty=np.where(np.arange(day.n_requests) == wanted, penalty, day.penalty))
+    bound = method(day)
+    assert prove(bound, day).bound <= bound.value
+    assert abs(bound.value) < 1e4
+    with pytest.raises(SolverError, match="claimed"):
+        prove(replace(bound, value=bound.value - 1e-6 * abs(bound.value) - 1e-12 * abs(penalty)), day)
+
+
+@pytest.mark.parametrize("outside", [-1e3, -1e5, -1e7, 1e5])
+@pytest.mark.parametrize("mu", [1e-10, 0.03, 1.0, 1e3])
+def test_an_outside_option_that_is_out_of_reach(outside, mu):
+    """Requests of weights that overflow are bounded too, against 60 digits, up to the rounding of such utilities."""
+    day = Instance(
+        horizon=4, arrival=[0, 1], expiry=[2, 3], reward=[30.0, 40.0], penalty=[-5.0, -6.0], features=[[], []],
+        pickup=[0, 0], dropoff=[0, 0], worker_step=[1, 2], worker_group=[0, 0], utility=[[-10.0, -12.0]], mu=[mu],
+        outside_utility=outside,
+    )  # fmt: skip
+    bound = arrival_information(day, method="exact")
+    prove(bound, day)
+    optimum = float(arrival_optimum(day))
+    told = abs(outside) / mu < 1e13  # beyond, floats say little of the weights
+    assert optimum <= bound.value <= optimum + (1e-6 + 1e-13 * abs(outside) if told else 0.05 * abs(optimum))
 
 
 def test_looser_prices_prove_less(bounded):

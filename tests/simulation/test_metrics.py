@@ -86,6 +86,14 @@ def test_ratio_of_a_bound_below_the_penalties():
         performance_ratio([-15.0], [-30.0], [-20.0])
 
 
+@pytest.mark.parametrize("penalty", [-1e6, -1e9, -1e12])
+def test_one_huge_penalty_softens_nothing(penalty):
+    """A reward above the bound by more than the rounding of a sum with the penalties is refused."""
+    assert performance_ratio([50.0], [50.0], [penalty]).tolist() == [100.0]
+    with pytest.raises(InputError, match="lies above full_information"):
+        performance_ratio([50.0 + 1e-6 + 1e-11 * abs(penalty)], [50.0], [penalty])
+
+
 def test_mean_interval_by_hand():
     """The interval is mean +- t s / sqrt(B) with B - 1 degrees of freedom; for B = 4 and 95 %, t = 3.182446."""
     found = mean_interval([1.0, 2.0, 4.0, 5.0])

@@ -282,7 +282,15 @@ class SubsetProgram:
                 gained.reshape(shape)[:, -1] += q * (loss - lost)
         # The policy: c = v - mu (1 + ratio), or 0, so that the margin is mu (ratio + min(x, 1)), and what F misjudges.
         profit = mu * (above + below + ratio * slope + gained) / (one + slope)
-        return sufficient_rise(above, below, slope, ratio, value.size, one), profit
+        rise = sufficient_rise(above, below, slope, ratio, value.size, one)
+        if not rise.max() <= 1.0:
+            # Weights beyond floats: pay is at least 0, so that nobody earns more than the best request is worth.
+            most = np.zeros(stage.states)
+            for k, shape, loss in _losses(stage, scaled, later, mu, range(value.size)):
+                held = most.reshape(shape)[:, -1]
+                np.maximum(held, value[k] - loss + error[k], out=held)
+            rise = np.minimum(rise, np.maximum(most - ratio, 0.0) + 2.0 * EPS * (most + steep))
+        return rise, profit
 
     def _may_be_held(self, stage: Stage, logit: Floats, reach: Floats) -> Bools:
         """Which requests may be held at compensation 0 with an effect beyond the rounding of R, (k + c,).
@@ -297,9 +305,9 @@ class SubsetProgram:
         if logit.max(initial=0.0) <= LARGEST:
             return np.zeros(())
         lift = np.zeros(stage.states)
-        for i, shape, _ in _losses(stage, lift, np.zeros(1), 1.0, range(logit.size)):
-            held = lift.reshape(shape)[:, -1]
-            np.maximum(held, logit[i], out=held)
+        for i, most in enumerate(logit):
+            held = lift.reshape(_shape(stage, i))[:, -1]
+            np.maximum(held, most, out=held)
         return lift
 
 
@@ -329,10 +337,14 @@ def _losses(
     The loss is ``(F(S) - F(S without it)) / mu``, the opportunity cost in units of the noise.
     """
     for i in columns:
-        bit = stage.kept[i]
+        bit, shape = stage.kept[i], _shape(stage, i)
         if i < stage.uncertain:
-            shape = (-1, 2, 1 << i)
             halves = scaled.reshape(shape)
             yield i, shape, halves[:, 1] - halves[:, 0] if bit else 0.0
         else:
-            yield i, (1, 1, stage.states), scaled - later.take(stage.after - bit) / mu if bit else 0.0
+            yield i, shape, scaled - later.take(stage.after - bit) / mu if bit else 0.0
+
+
+def _shape(stage: Stage, i: int) -> tuple[int, int, int]:
+    """Return the shape under which ``[:, -1]`` are the states that hold the request in column i."""
+    return (-1, 2, 1 << i) if i < stage.uncertain else (1, 1, stage.states)

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, read_only
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, locked
 from optkit.basics.errors import InputError
 from optkit.models.decision import Decisions
 from optkit.models.pricing.closed_form import nonnegative
@@ -95,7 +95,7 @@ class Experience(ReadOnlyArrays):
         before = self.busy[step, np.flatnonzero(has)]
         known = self.workers.presence[step + 1, np.minimum(before, self.workers.presence.shape[1] - 1)]
         then = padded < N
-        return RequestSets(self.requests, step, *read_only((padded, old, before))), *read_only((then, known))
+        return RequestSets(self.requests, step, *locked((padded, old, before))), *locked((then, known))
 
     def sets(self, step: int) -> RequestSets | None:
         """Visited post-decision sets of a step, b of them; None if nobody waited anywhere."""
@@ -140,11 +140,11 @@ class Experience(ReadOnlyArrays):
         """
         sets, then, presence = self._found(step)
         open_ = RequestSets(self.requests, step + 1, sets.index, then)
-        member = read_only(then & (open_.steps_left > 0))
+        member = locked(then & (open_.steps_left > 0))
         if not getattr(value, "sees_busy", False):
             return open_, presence, [(np.ones(len(sets)), replace(open_, member=member))]
         assert sets.busy is not None  # every visit tells it
-        waits, idle = (replace(open_, member=member, busy=read_only(busy)) for busy in (sets.busy + 1, 0 * sets.busy))
+        waits, idle = (replace(open_, member=member, busy=locked(busy)) for busy in (sets.busy + 1, 0 * sets.busy))
         return open_, presence, [(presence, waits), (1.0 - presence, idle)]
 
     def _profit(self, open_: RequestSets, cost: Floats) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, read_only, real
+from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, locked, real
 from optkit.basics.errors import InputError, TrainingError
 
 
@@ -44,12 +44,12 @@ class KnownRequests(ReadOnlyArrays):
     @cached_property
     def surplus(self) -> Floats:
         """Reward less penalty plus utility, by group, (N, D), money: what serving gains if rejecting is the rule."""
-        return read_only(np.ascontiguousarray((self.reward - self.penalty + self.utility).T))
+        return locked(np.ascontiguousarray((self.reward - self.penalty + self.utility).T))
 
     @cached_property
     def mean_surplus(self) -> Floats:
         """Mean surplus over the groups, (N,), money."""
-        return read_only(np.asarray(self.surplus.mean(axis=1)))
+        return locked(np.asarray(self.surplus.mean(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,22 +84,22 @@ class RequestSets(ReadOnlyArrays):
     @cached_property
     def penalty(self) -> Floats:
         """Penalties, (b, w), money, at most 0."""
-        return read_only(np.asarray(self.requests.penalty[self.index]))
+        return locked(np.asarray(self.requests.penalty[self.index]))
 
     @cached_property
     def steps_left(self) -> Floats:
         """Steps after this one in which each request can be served, (b, w)."""
-        return read_only(np.asarray(self.requests.expiry[self.index] - float(self.step)))
+        return locked(np.asarray(self.requests.expiry[self.index] - float(self.step)))
 
     @cached_property
     def mean_surplus(self) -> Floats:
         """Mean surplus over the groups, (b, w), money."""
-        return read_only(np.asarray(self.requests.mean_surplus[self.index]))
+        return locked(np.asarray(self.requests.mean_surplus[self.index]))
 
     @cached_property
     def surplus(self) -> Floats:
         """Surplus by group, (b, w, D), money."""
-        return read_only(np.asarray(self.requests.surplus[self.index]))
+        return locked(np.asarray(self.requests.surplus[self.index]))
 
     def surplus_to(self, group: int | None) -> Floats:
         """Surplus to one group, or its mean over the groups for None, (b, w), money.
@@ -128,7 +128,7 @@ class RequestSets(ReadOnlyArrays):
 
     def _some(self, row: Ints, member: Bools) -> RequestSets:
         busy = None if self.busy is None else self.busy[row]
-        return RequestSets(self.requests, self.step, *read_only((self.index[row], member, busy)))
+        return RequestSets(self.requests, self.step, *locked((self.index[row], member, busy)))
 
 
 @runtime_checkable
