@@ -233,10 +233,8 @@ def _array(name: str, value: Any, error: Error, *, flags: bool = False, any_kind
     """Return what is given as an array, without a copy where it is one: of numbers or objects, or as said."""
     if type(value) is np.ndarray and value.dtype.kind in "fiu":  # most are, and need no more questions
         return value
+    kinds = unmasked(name, value, error=error)
     nested = isinstance(value, list | tuple)
-    kinds = _kinds(value) if nested else {type(value)}
-    if any(issubclass(kind, np.ma.MaskedArray) for kind in kinds):
-        raise error(f"{name} is a masked array, and what it hides would count: fill it in or drop those entries")
     try:
         array = np.asarray(value)
     except ValueError:
@@ -252,6 +250,20 @@ def _array(name: str, value: Any, error: Error, *, flags: bool = False, any_kind
     if not flags and (kind == "b" or (nested and kind != "O" and kinds & {bool, np.bool_})):
         raise error(f"{name} holds True or False, not numbers; give floats or ints")
     return array
+
+
+def unmasked(name: str, value: Any, *, error: Error = InputError) -> set[type]:
+    """Refuse masked arrays, alone or in lists; return the types that are there. For labels, which may be anything else.
+
+    Raises
+    ------
+    InputError
+        Or the error class given: if one is there, whether it hides anything or not.
+    """
+    kinds = _kinds(value) if isinstance(value, list | tuple) else {type(value)}
+    if any(issubclass(kind, np.ma.MaskedArray) for kind in kinds):
+        raise error(f"{name} is a masked array, and what it hides would count: fill it in or drop those entries")
+    return kinds
 
 
 def _kinds(value: list[Any] | tuple[Any, ...]) -> set[type]:

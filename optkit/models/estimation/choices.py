@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from optkit.basics.arrays import Bools, Floats, Ints
+from optkit.basics.arrays import Bools, Floats, Ints, unmasked
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choice_sets import ChoiceSets
 from optkit.models.estimation.inputs import BEYOND, numbers
@@ -118,6 +118,7 @@ def mask_of_rows(name: str, mask: Any, rows: Rows) -> Bools | None:
     """Return a boolean mask over the rows; None where all are True."""
     if mask is None:
         return None
+    unmasked(name, mask)
     array = np.asarray(mask) if hasattr(mask, "__array__") else entries(name, mask)
     if array.shape != (rows.n,):
         raise InputError(f"{name} has shape {array.shape}; give True or False for each of the {rows.n} rows")

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.formula.formulatools import handle_formula_data
 
-from optkit.basics.arrays import Ints
+from optkit.basics.arrays import Ints, unmasked
 from optkit.basics.errors import InputError, OptkitError
 from optkit.models.estimation.choices import mask_of_rows
 from optkit.models.frames import frame_of
@@ -162,6 +162,7 @@ def translated(
 
 
 def _names(drop_cols: Any) -> list[str]:
+    unmasked("drop_cols", drop_cols)
     try:
         return [str(name) for name in drop_cols]
     except TypeError:
@@ -178,8 +179,9 @@ def _is_number(column: pd.Series) -> bool:
 
 
 def _places(data: pd.DataFrame, subset: Any) -> Ints:
+    subset = subset(data) if callable(subset) else subset
+    unmasked("subset", subset)
     try:
-        subset = subset(data) if callable(subset) else subset
         found = pd.Series(np.arange(len(data)), index=data.index).loc[subset]
     except (KeyError, IndexError, TypeError, ValueError, NotImplementedError, pd.errors.IndexingError) as error:
         raise InputError(f"subset does not fit the data: {' '.join(str(error).split())}") from None

@@ -108,6 +108,44 @@ def coefficients(name: str, values: Any, names: Sequence[str]) -> Floats:
     return array
 
 
+def contrasts(name: str, given: Any, names: Sequence[str]) -> Any:
+    """Return linear combinations of the coefficients in the order of the columns: labelled ones by their names.
+
+    Text and dicts, which statsmodels reads, stay as they are; of a pair (combinations, their values) both are checked.
+
+    Raises
+    ------
+    InputError
+        If the labels are not the names of the columns, or an entry is not a finite number.
+    """
+    if given is None or isinstance(given, str | Mapping):
+        return given
+    if isinstance(given, list | tuple) and any(isinstance(one, str) for one in given):
+        return given
+    if isinstance(given, tuple) and len(given) == 2:
+        return contrasts(name, given[0], names), real(f"the values of {name}", given[1])
+    given = frame_of(name, given)
+    if labelled(given):
+        axes = [given.columns if isinstance(given, pd.DataFrame) else given.index]
+        if name == "cov_p":
+            axes.append(given.index)
+        for labels in axes:
+            if sorted(map(str, labels)) != sorted(names):
+                raise InputError(
+                    f"{name} has the labels {', '.join(map(str, labels))}, and the columns are {', '.join(names)}: "
+                    f"give each of these once, or {name}.to_numpy() if they are in this order"
+                )
+        order = [[list(map(str, labels)).index(one) for one in names] for labels in axes]
+        given = given.iloc[:, order[0]] if isinstance(given, pd.DataFrame) else given.iloc[order[0]]
+        given = given.iloc[order[1]] if name == "cov_p" else given
+        given = numbers(name, given).to_numpy()
+    array = real(name, given)
+    k = len(names)
+    if array.shape[-1:] != (k,) or array.ndim > 2 or (name == "cov_p" and array.shape != (k, k)):
+        raise InputError(f"{name} has shape {array.shape}; give one column for each of {', '.join(names)}")
+    return array
+
+
 def penalties_of(penalty: Any, names: list[str]) -> Floats:
     """Return the L2 penalty of each column, (k,), from a number, a sequence, or a dict or Series by name."""
     given = numbers("penalty", by_name("penalty", penalty, names, default=0.0))

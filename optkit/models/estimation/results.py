@@ -12,12 +12,12 @@ from statsmodels.base.model import LikelihoodModelResults, LikelihoodResultsWrap
 from statsmodels.base.wrapper import populate_wrapper
 from statsmodels.iolib.summary import Summary
 
-from optkit.basics.arrays import Floats, number
+from optkit.basics.arrays import Floats, number, real
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choices import mask_of_rows
 from optkit.models.estimation.formulas import column_of, evaluated
 from optkit.models.estimation.identification import IdentificationReport, identification
-from optkit.models.estimation.inputs import numbers
+from optkit.models.estimation.inputs import contrasts, numbers
 from optkit.models.estimation.newton import Optimum
 from optkit.models.estimation.sandwich import Sandwich
 from optkit.models.frames import frame_of
@@ -197,6 +197,62 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         if array.ndim != 2:
             raise InputError(f"exog has shape {array.shape}; give one column for each of {', '.join(names)}")
         return array
+
+    def t_test(self, r_matrix: Any, cov_p: Any = None, use_t: bool | None = None) -> Any:
+        """Test linear combinations of the coefficients one by one, as statsmodels does.
+
+        Parameters
+        ----------
+        r_matrix : str, (k,) or (q, k) array_like, Series or DataFrame, or a tuple of such and (q,) values
+            A Series or DataFrame goes by the names of the coefficients, in any order; arrays go by place.
+        cov_p : (k, k) array_like or DataFrame, optional
+            Another covariance of the coefficients; a DataFrame goes by their names.
+        use_t : bool, optional
+            Whether to use Student's distribution.
+
+        Returns
+        -------
+        statsmodels.stats.contrast.ContrastResults
+            One test per row.
+
+        Raises
+        ------
+        InputError
+            If labels are not the names of the coefficients, each once, or an entry is not a finite number.
+        """
+        names = self.model.column_names
+        return super().t_test(contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names), use_t)
+
+    def wald_test(
+        self, r_matrix: Any, cov_p: Any = None, invcov: Any = None, use_f: bool | None = None, **options: Any
+    ) -> Any:
+        """Test linear combinations of the coefficients jointly, as statsmodels does; ``f_test`` does it by this.
+
+        Parameters
+        ----------
+        r_matrix, cov_p : array_like, Series or DataFrame
+            As of :meth:`t_test`.
+        invcov : (q, q) array_like, optional
+            Inverse covariance of the combinations.
+        use_f : bool, optional
+            Whether to use the F distribution.
+        **options
+            ``df_constraints`` and ``scalar``, as of statsmodels.
+
+        Returns
+        -------
+        statsmodels.stats.contrast.ContrastResults
+            One test of all rows.
+
+        Raises
+        ------
+        InputError
+            As :meth:`t_test`.
+        """
+        names = self.model.column_names
+        asked, given = contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names)
+        inverse = None if invcov is None else real("invcov", invcov)
+        return super().wald_test(asked, given, invcov=inverse, use_f=use_f, **options)
 
     def conf_int(self, alpha: float = 0.05) -> Any:
         """Return the confidence interval of each coefficient, (k, 2), at level ``1 - alpha``.

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from optkit.basics.arrays import Bools, Ints
+from optkit.basics.arrays import Bools, Ints, unmasked
 from optkit.basics.errors import InputError
 from optkit.models.rows import Rows, labelled, written
 
@@ -47,6 +47,7 @@ class Situations:
             If it fits neither the rows nor the situations, fits both but not alike, or differs within a situation.
         """
         n, size = len(self.codes), len(self.labels)
+        unmasked(name, given)
         if not labelled(given):
             array = np.asarray(given) if hasattr(given, "__array__") else entries(name, given)
             if array.shape not in ((n,), (size,)):
@@ -92,6 +93,7 @@ class Situations:
 
 def situation_of(groups: Any, rows: Rows) -> tuple[Ints, pd.Index]:
     """Return the situation of each row, (n,), and the labels in order of first appearance."""
+    unmasked("groups", groups)
     shape = getattr(groups, "shape", (rows.n,))
     if len(shape) != 1:
         raise InputError(f"groups has shape {shape}; give one label per row")

@@ -231,3 +231,37 @@ def test_labels_survive_copies(data):
     for again in (copy.deepcopy(fitted), pickle.loads(pickle.dumps(fitted))):
         got = again.predict(new, groups=data["groups"].iloc[:6].iloc[::-1])
         assert (got == fitted.predict(new, groups=data["groups"].iloc[:6])).all()
+
+
+def test_combinations_of_coefficients_go_by_name(data):
+    given = {name: data[name] for name in NAMES}
+    fitted = ConditionalLogit(exog=data[["pay", "km"]], **given).fit()
+    cov = fitted.cov_params() * np.array([[2.0, 1.0], [1.0, 1.0]])
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        rows = rng.normal(size=(2, 2))
+        right = {"pay": rows[:, 0], "km": rows[:, 1]}
+        for order in (["pay", "km"], ["km", "pay"]):
+            table = pd.DataFrame(right)[order]
+            one, swapped = table.iloc[0], cov.loc[order, order[::-1]]
+            for test in ("t_test", "wald_test", "f_test"):
+                ask = getattr(fitted, test)
+                assert ask(table).pvalue == pytest.approx(ask(rows).pvalue, rel=1e-9)
+                assert ask(one).pvalue == pytest.approx(ask(rows[0]).pvalue, rel=1e-9)
+                assert ask((table, [0.5, 1.0])).pvalue == pytest.approx(ask((rows, [0.5, 1.0])).pvalue, rel=1e-9)
+                by_place = ask(rows[0], cov_p=cov.to_numpy()).pvalue
+                assert ask(one, cov_p=swapped).pvalue == pytest.approx(by_place, rel=1e-9)
+    assert fitted.t_test("pay = 1, km = 0").pvalue.shape == (2,)
+    for strange in (
+        pd.Series([1.0, 0.0]),
+        pd.Series({"pay": 1.0}),
+        pd.Series([1.0, 0.0, 1.0], ["pay", "km", "pay"]),
+        pd.Series({"pay": 1.0, "km": 0.0, "other": 0.0}),
+        pd.DataFrame({"pay": [1.0], "kilometres": [0.0]}),
+        np.ones(3),
+        np.ones((2, 3)),
+        [np.nan, 1.0],
+    ):
+        for test in ("t_test", "wald_test", "f_test"):
+            with pytest.raises(InputError, match="r_matrix"):
+                getattr(fitted, test)(strange)
