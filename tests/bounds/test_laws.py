@@ -27,7 +27,6 @@ DRAWS = 150
 """Instances drawn from a model."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", KINDS)
 def test_a_certificate_proves_its_bound(name, seed):

@@ -155,7 +155,6 @@ def test_a_checkpoint_belongs_to_one_report(days, tmp_path, policies, change):
     assert len(list(tmp_path.glob("*.jsonl"))) == 2
 
 
-@pytest.mark.slow
 def test_an_edited_policy_that_earns_the_same_is_not_taken_for_the_old_one(tmp_path):
     """On the noise as drawn both shares are refused by the workers; in the mean over the noise they differ."""
     shape = {"features": [[]], "pickup": [0], "dropoff": [0], "worker_step": [0], "worker_group": [0]}
@@ -314,6 +313,7 @@ def test_a_bound_that_fails_is_left_out(days, monkeypatch):
         gap_report(days[:3], NAMED, kinds="full")
 
 
+@pytest.mark.slow
 def test_empty_days_have_no_points_but_money(days):
     """Where nothing can be gained there is nothing to measure by; gaps in money are zero."""
     some = days[0]

@@ -31,8 +31,9 @@ def test_a_rush_is_told_by_its_hour():
 
 
 @pytest.mark.slow
-def test_the_true_process_is_seldom_contradicted():
+def test_the_true_process_is_seldom_contradicted(monkeypatch):
     """P-values of true processes are uniform: of 20 one at most is at the level, and they spread over 0 to 1."""
+    monkeypatch.setattr(processes, "STEPS", 24)
     p = [worker_test(processes.days(processes.constant, 4, seed=s), ASSUMED, seed=s).p for s in range(20)]
     assert sum(one <= LEVEL for one in p) <= 1  # two or more in 0.2 % of cases
     assert 0.3 < np.mean(p) < 0.7

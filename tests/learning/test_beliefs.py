@@ -174,7 +174,6 @@ def test_beliefs_are_worked_out_once_for_each_batch(days):
     np.testing.assert_array_equal(simulate(days[:3], policy).reward, first)
 
 
-@pytest.mark.slow
 def test_the_busy_stretch_is_told_to_who_asks(days):
     """A value function that sees busy stretches gets each instance's, counted up to now; others get none."""
     blind, seeing = Pooled(), Pooled()
@@ -226,7 +225,6 @@ def test_groups_that_the_preferences_do_not_know(days, preferences):
         believed_requests(Batch.of(days), few)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fault", [ZeroDivisionError("mine"), SystemExit(0), TypeError()], ids=repr)
 def test_a_value_function_of_ones_own_that_fails(days, fault):
     """It is named in one line, with the step, when it is asked for prices, and when it is fitted."""
@@ -245,7 +243,6 @@ def test_a_value_function_of_ones_own_that_fails(days, fault):
     assert caught.value.__cause__ is fault
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [np.zeros((1, 1)), "dear", None])
 def test_targets_of_a_value_function_that_answers_wrongly(days, wrong):
     """Values of another shape do not become targets of another shape: InputError, with the function's name."""

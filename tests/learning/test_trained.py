@@ -42,6 +42,17 @@ def trained(days):
         return {label: train(days[name], value, choice=choice) for label, (name, value, choice) in forms.items()}
 
 
+@pytest.fixture(scope="module")
+def written(trained, tmp_path_factory):
+    """What a file says; it is read as it is, and without its digest too."""
+    path = trained["kernel pooled"].save(tmp_path_factory.mktemp("policy") / "policy.json")
+    Trained.load(path)
+    whole = path.read_text()
+    path.write_text(json.dumps({name: part for name, part in json.loads(whole).items() if name != "sha256"}))
+    Trained.load(path)
+    return whole
+
+
 def prices(instances, policy):
     """All compensations that a policy offers in a run."""
     seen = []
@@ -245,16 +256,12 @@ TERM = ("value", "terms", 0)
         (("failures",), 3),
     ],
 )
-def test_damaged_files(tmp_path, trained, where, what):
-    """One wrong entry anywhere, and the file is refused in one line, without a digest too; without it, it is read."""
-    path = trained["kernel pooled"].save(tmp_path / "policy.json")
-    plain = json.loads(path.read_text())
-    Trained.load(path)
+def test_damaged_files(tmp_path, written, where, what):
+    """One wrong entry anywhere, and the file is refused in one line, without a digest too."""
+    path, plain = tmp_path / "policy.json", json.loads(written)
     path.write_text(json.dumps(changed(plain, where, what)))
     assert "was changed or damaged" in refused(path)
     del plain["sha256"]
-    path.write_text(json.dumps(plain))
-    Trained.load(path)
     path.write_text(json.dumps(changed(plain, where, what)))
     refused(path)
 

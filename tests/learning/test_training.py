@@ -32,7 +32,7 @@ def world():
     def of(name):
         if name not in known:
             source = scenario(name, seed=0, horizon=25)
-            fresh = source.sample(200, seed=6)
+            fresh = source.sample(160, seed=6)
             known[name] = source.sample(100, seed=5), fresh, simulate(fresh, PostDecisionPricing()).reward
         return known[name]
 
@@ -185,7 +185,6 @@ def test_experience_is_what_the_simulation_left_waiting(split):
     assert experience.discount == 1.0
 
 
-@pytest.mark.slow
 def test_the_discount_and_the_deviations_count(split):
     """Settings reach the experience and the record; those of the estimator are taken where the caller sets none."""
     Spy.seen = ()

@@ -9,7 +9,6 @@ from optkit.learning.worker_rates import learn_worker_rates
 from tests.gap import processes
 
 
-@pytest.mark.slow
 def test_a_steady_stream_is_one_piece(half_days):
     """Half a worker a step, within four standard errors, and no piece that noise alone made."""
     found = learn_worker_rates(processes.days(processes.constant, 40, seed=0))
@@ -47,7 +46,6 @@ def test_errors_are_as_large_as_they_are_said_to_be(half_days):
     assert np.log(drawn).std(axis=0) == pytest.approx(np.full(16, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
 
 
-@pytest.mark.slow
 def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     """Nobody was seen: a rate near 0, and not 0; somebody always: one so high that somebody is nearly sure."""
     nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(16, int), 20, seed=0))
@@ -57,7 +55,6 @@ def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     assert np.isfinite(always.covariance).all()
 
 
-@pytest.mark.slow
 def test_groups_are_counted(half_days):
     """Shares are those seen, and no group is thought impossible."""
     found = learn_worker_rates(

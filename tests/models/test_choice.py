@@ -61,7 +61,6 @@ def test_with_noise_alone_every_option_is_as_likely_as_rejection():
     assert rejection == pytest.approx(1 / 6, abs=1e-7)
 
 
-@pytest.mark.slow
 @bounded
 @given(seeds, sizes, st.floats(-50, 50), st.floats(1e-3, 1e3))
 def test_only_differences_of_utility_and_ratios_to_mu_matter(seed, n, shift, scale):

@@ -79,7 +79,6 @@ def test_a_value_function_that_writes_wherever_it_can(days):
     assert same(simulate(batch, HALF), simulate(days, HALF))
 
 
-@pytest.mark.slow
 def test_a_fit_that_writes_wherever_it_can():
     """What was met is the same for who looks at it next."""
 

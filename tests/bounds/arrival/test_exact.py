@@ -107,7 +107,6 @@ def test_the_prices_of_its_tables_earn_it(random_instance, liking):
     assert earned.mean() == pytest.approx(bound.value, abs=4 * standard_error(earned))
 
 
-@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(0, 9), st.integers(0, 6), st.floats(0.0, 60.0), st.booleans())
 def test_every_bound_is_proven_and_reached(random_instance, seed, requests, workers, liking, nonnegative):

@@ -376,7 +376,6 @@ def test_tables_that_are_all_too_low_prove_the_truth(scarce):
     assert verdict.attained == pytest.approx(scarce.value, abs=1e-9)
 
 
-@pytest.mark.slow
 def test_looser_tables_are_a_looser_bound(scarce):
     """Profits that are too high, with values to match, still prove what they say."""
     certificate = scarce.certificate
@@ -409,7 +408,6 @@ def test_the_limit_is_passed_on():
         exact_value(SCARCE, limit=states - 1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

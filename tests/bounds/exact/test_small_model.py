@@ -195,7 +195,6 @@ def test_an_instance_has_the_money_of_its_types():
     assert (indicators == np.eye(2)[kind]).all()
 
 
-@pytest.mark.slow
 def test_a_sample_has_the_probabilities_of_the_model():
     """Dependent arrivals, groups and the worker's presence: within 4.5 standard errors, some 10 comparisons."""
     joint = [((0, 0), 0.2), ((2, 1), 0.3), ((0, 1), 0.5)]

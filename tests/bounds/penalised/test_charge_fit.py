@@ -113,7 +113,6 @@ def test_where_dozens_wait_luck_is_not_taken_for_gain():
     assert less_luck.mean() < 2 * less_luck.std(ddof=1) / np.sqrt(30)
 
 
-@pytest.mark.slow
 def test_a_large_ridge_charges_nothing_and_no_requests_charge_workers_only():
     tame = fit_linear_charges(TRAIN[:8], workers(), 0.5, ridge=1e9)
     assert np.abs(tame.theta).max() < 1e-6
@@ -132,7 +131,6 @@ def test_knots_are_spread_or_given():
     assert given.time_knots.tolist() == [2.0, 4.0]
 
 
-@pytest.mark.slow
 def test_the_same_instances_give_the_same_charges():
     one, again = (fit_linear_charges(TRAIN[:4], workers(), 0.5) for _ in range(2))
     assert np.array_equal(one.theta, again.theta)

@@ -279,7 +279,6 @@ def test_a_hybrid_that_charges_nothing_is_that_of_the_arrivals(day, value):
     assert bound.value + idle == pytest.approx(free, rel=0.02)
 
 
-@pytest.mark.slow
 @bounded
 @given(seeds, st.integers(0, 14), st.integers(0, 6), st.integers(1, 11))
 def test_tracking_does_not_look_ahead(random_instance, seed, requests, limit, now):

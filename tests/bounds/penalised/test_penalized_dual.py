@@ -50,7 +50,6 @@ def by_formula(day, charges, multipliers):
     return total
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_the_dual_is_its_formula_and_optimal(random_instance, seed):
     """At its own multipliers to rounding, and nowhere less at 100 others."""

@@ -68,7 +68,6 @@ def test_rates_that_change_are_those_of_long_simulations():
     assert checked > 300
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.0, 0.1, 0.5, 0.9, 1.7, 30.0, 50.0])
 def test_rates_that_do_not_change_are_one_rate(rate):
     """The table repeats the row of one rate; rates that differ by nothing to speak of make the same to rounding."""

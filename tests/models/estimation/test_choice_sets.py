@@ -28,7 +28,6 @@ def test_sums_and_maxima_are_those_of_a_loop_over_the_situations(sizes, seed):
     assert len(sets) == len(sizes)
 
 
-@pytest.mark.slow
 @bounded
 @given(ragged, st.booleans(), st.floats(-5, 6), st.integers(0, 2**32 - 1))
 def test_shares_are_a_softmax_at_any_scale(sizes, outside, log_scale, seed):

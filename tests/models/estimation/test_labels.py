@@ -54,6 +54,7 @@ def test_a_shuffled_argument_finds_its_rows(data, right, name, way):
     assert got.params[["pay", "km"]].to_numpy() == pytest.approx(right, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("labels", [range(3 * S), [f"r{i}" for i in range(3 * S)], ["r0"] * (3 * S)])
 def test_other_labels_are_refused(data, name, labels):

@@ -122,7 +122,6 @@ def test_multipliers_and_prices_satisfy_the_optimality_conditions(seed, n):
     assert (certify(p.compensation, v, u, nonnegative=False, **choice).multiplier == 0).all()
 
 
-@pytest.mark.slow
 @bounded
 @given(seeds, sizes, forms)
 def test_stationarity_is_the_largest_derivative_of_the_profit_along_a_feasible_change(seed, n, nonnegative):

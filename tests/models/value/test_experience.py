@@ -45,7 +45,7 @@ class Nothing:
         return np.zeros(sets.member.shape)
 
 
-def random_experience(seed, groups=1, instances=8, horizon=6, discount=1.0):
+def random_experience(seed, groups=1, instances=6, horizon=6, discount=1.0):
     """A batch of instances with up to eleven requests each, of which some are served early."""
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 12, instances)

@@ -57,7 +57,6 @@ def test_opportunity_costs_are_removal_differences(value, sets):
         assert not cost[~one.member].any()
 
 
-@pytest.mark.slow
 def test_what_is_left_costs_what_it_does_as_a_set_of_its_own(value, sets):
     """Costs in sets that lack a request, the quick way and by evaluating the smaller sets (rounding: 1e-8 money)."""
     for one in sets:
