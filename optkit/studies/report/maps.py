@@ -52,6 +52,7 @@ def bubble_grid(tables: Tables, scenario: str) -> Figure | None:
     colour = ScalarMappable(scale, DIVERGING)
     figure = new_figure(1.2 + CELL * (len(draws) + 1.4), 1.8 + CELL * len(lines))
     ax = figure.subplots()
+    bubbles = []
     for height, (group, epsilon) in enumerate(lines):
         own = rows[(rows["group"] == group) & (rows["epsilon"] == epsilon)]
         cells = [(last, float(own["ratio"].mean()), float(own["mbe"].mean()))]
@@ -61,9 +62,12 @@ def bubble_grid(tables: Tables, scenario: str) -> Figure | None:
             ax.text((len(draws) - 1) / 2, height, "not perturbed", ha="center", va="center", color="0.35", fontsize=9)
         for place, ratio, mbe in cells:
             side = 0.7 * 72.0 * CELL * np.sqrt(np.clip(ratio, 0.4, 100.0) / 100.0)
-            ax.scatter(place, height - 0.12, side**2, color=colour.cmap(scale(mbe)), edgecolors="0.2", linewidths=0.6)
+            bubbles.append((place, height - 0.12, side**2, colour.cmap(scale(mbe))))
             bold = "bold" if place == last else "normal"
-            ax.text(place, height + 0.36, f"{ratio:.1f}", ha="center", va="center", fontsize=8, fontweight=bold)
+            told_ratio = ax.text(place, height + 0.36, f"{ratio:.1f}", ha="center", va="center", fontsize=8)
+            told_ratio.set(fontweight=bold, in_layout=False)  # it lies within its cell
+    x, y, sizes, colours = map(list, zip(*bubbles, strict=True))
+    ax.scatter(x, y, sizes, c=colours, edgecolors="0.2", linewidths=0.6)
     ax.set_xlim(-0.55, last + 0.55)
     ax.set_ylim(len(lines) - 0.45, -0.55)
     ax.set_aspect("equal")
@@ -135,7 +139,8 @@ def _heat(ax: Axes, values: np.ndarray, colours: str, ends: tuple[float, float],
     for (y, x), value in np.ndenumerate(values):
         known = np.isfinite(value)
         paint = ink(image.cmap(image.norm(value))) if known else "black"
-        ax.text(x, y, form.format(value) if known else "–", ha="center", va="center", fontsize=8, color=paint)
+        told = ax.text(x, y, form.format(value) if known else "–", ha="center", va="center", fontsize=8, color=paint)
+        told.set_in_layout(False)  # it lies within its cell
     bare(ax)
 
 
