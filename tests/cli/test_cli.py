@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,9 @@ import pytest
 
 from optkit.basics.plain_json import sealed
 from optkit.bounds import arrival_information, full_information
+from optkit.cli import main
+from optkit.evaluation import main_job
+from optkit.evaluation.main_job import run_main_job
 from optkit.gap import charging
 from optkit.gap.fluid_scenario import bid_prices
 from optkit.instances.catalogue import scenario
@@ -119,11 +123,12 @@ def test_generate_takes_settings(tmp_path):
 def test_generate_writes_the_three_parts(tmp_path):
     """Without a count, train, test and validation sets are written, and a second time only with --overwrite."""
     folder = tmp_path / "sets"
-    done = optkit("generate", "I.2", "--out", folder, "--json", check=0)
+    short = ["generate", "I.2", "--set", "horizon=6", "--out", folder]
+    done = optkit(*short, "--json", check=0)
     assert json.loads(done.stdout)["instances"] == {"train": 480, "test": 120, "validation": 30}
-    assert load_instances(folder / "test") == scenario("I.2", seed=0).split().test
-    assert "exists" in optkit("generate", "I.2", "--out", folder, check=2).stderr
-    optkit("generate", "I.2", "--out", folder, "--overwrite", check=0)
+    assert load_instances(folder / "test") == scenario("I.2", seed=0, horizon=6).split().test
+    assert "exists" in optkit(*short, check=2).stderr
+    optkit(*short, "--overwrite", check=0)
 
 
 def test_bound_reports_a_solver_that_gave_up(small):
@@ -336,8 +341,15 @@ def test_runs_do_not_replace_what_is_not_theirs(small, finished, tmp_path):
 
 
 @pytest.mark.slow
-def test_run_needs_no_interval_for_one_instance(tmp_path):
+def test_run_needs_no_interval_for_one_instance(tmp_path, monkeypatch):
     """With a single test instance there is no interval: the table shows a dash, and the JSON is JSON."""
+    found = []
+
+    def found_once(*asked, **settings):
+        found.append(found[0] if found else run_main_job(*asked, **settings))
+        return found[-1]
+
+    monkeypatch.setattr(main_job, "run_main_job", found_once)
     save_instances(tmp_path / "two", scenario("I.2", seed=3, horizon=8).sample(2, 1))
     done = optkit("run", tmp_path / "two", "--out", tmp_path / "r", "--verify", 0, "--json", check=0)
 
@@ -416,31 +428,43 @@ def test_a_folder_that_cannot_be_written_is_said(small, tmp_path):
     assert "cannot be written" in done.stderr
 
 
-STARTED = """
-import sys
-from optkit.cli import main
-app = sys.modules["optkit.cli.app"]
-verb = app.app
-app.app = lambda: (print("started", flush=True), verb())
-main()
-"""
-"""The command line as a process that says when it takes signals."""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_interruption_is_said_and_leaves_nothing(tmp_path, sent):
     """Ctrl-C and a scheduler's SIGTERM end a run with one line, exit status 130 and no results folder."""
-    command = [sys.executable, "-c", STARTED, "run", "I.1", "--out", str(tmp_path / "r")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "started\n"
-        time.sleep(1.0)  # in the middle of things
-        process.send_signal(sent)
-        _, told = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "interrupted" in told
-    assert "Traceback" not in told
+    reading, writing = os.pipe()
+    child = os.fork()  # spares what a new process would import
+    if child == 0:
+        status = 1
+        try:
+            os.dup2(writing, 2)
+            sys.stdout = sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+            door = sys.modules["optkit.cli.app"]
+            verb = door.app
+            with patch.object(door, "app", lambda: (print("started", flush=True), verb())):
+                status = optkit_process("run", "I.1", "--out", str(tmp_path / "r"))
+        finally:
+            sys.stderr.flush()
+            os._exit(status)
+    os.close(writing)
+    with open(reading) as told:
+        assert told.readline() == "started\n"
+        time.sleep(0.3)  # in the middle of things
+        os.kill(child, sent)
+        rest = told.read()
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 130
+    assert rest == "\noptkit: interrupted; what was there before stays\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def optkit_process(*arguments):
+    """Run the command line with the streams of this process, and return its exit status."""
+    sys.argv = ["optkit", *arguments]
+    try:
+        main()
+    except SystemExit as left:
+        return left.code
+    return 0
 
 
 @pytest.mark.slow
@@ -465,23 +489,24 @@ def test_version_is_the_package_s():
 def test_run_on_trips(tmp_path):
     """optkit run on a scenario of New York reads trip records and reports both preferences."""
     rng = np.random.default_rng(0)
-    start = np.datetime64("2018-01-01T07") + rng.integers(0, 200 * 86400, 20_000).astype("timedelta64[s]")
+    count = 10_000
+    start = np.datetime64("2018-01-01T07") + rng.integers(0, 100 * 86400, count).astype("timedelta64[s]")
     zones = np.array([261, 87, 161, 163, 238, 239, 236, 237])
     trips = pd.DataFrame(
         {
             "tpep_pickup_datetime": start,
-            "tpep_dropoff_datetime": start + rng.integers(120, 2400, 20_000).astype("timedelta64[s]"),
-            "PULocationID": rng.choice(zones, 20_000),
-            "DOLocationID": rng.choice(zones, 20_000),
+            "tpep_dropoff_datetime": start + rng.integers(120, 2400, count).astype("timedelta64[s]"),
+            "PULocationID": rng.choice(zones, count),
+            "DOLocationID": rng.choice(zones, count),
         }
     )
     trips.to_parquet(tmp_path / "yellow_tripdata_2018.parquet")
     for name in ("nyc-weak", "nyc-strong"):
-        few = ["--set", "horizon=10", "--set", "split=10,8,3", "--verify", 3]
+        few = ["--set", "horizon=8", "--set", "split=8,6,2", "--verify", 3]
         done = optkit("run", name, "--trips", tmp_path, "--out", tmp_path / name, *few, "--json", check=0)
         result = json.loads(done.stdout)
         assert result["verification"]["holds"]
-        assert result["record"]["origin"]["trips"]["rows"] == 20_000
+        assert result["record"]["origin"]["trips"]["rows"] == count
         ratios = {row["policy"]: row["ratio"] for row in result["policies"]}
         assert ratios["Myopic, true MNL"] > max(ratios["PP"], ratios["FP"])
         assert {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"} <= set(ratios)

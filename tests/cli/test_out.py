@@ -8,9 +8,12 @@ import pytest
 from typer.main import get_command
 
 from optkit.cli.app import app
-from optkit.evaluation import main_job
+from optkit.evaluation import main_job, results_folder
 from optkit.evaluation.main_job import run_main_job
+from optkit.plotting import files
+from optkit.plotting.files import figure_bytes
 from optkit.studies import grids
+from optkit.studies.report import report  # loaded before what it draws with is replaced
 from tests.command_line import optkit
 
 SMALL = ["--set", "split=8,2,2", "--set", "horizon=6"]
@@ -88,16 +91,22 @@ LONG = ("run", "study")
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in LONG else []) for n in VERBS])
 def test_a_full_disk_loses_nothing(name, place, tmp_path, monkeypatch):
     """What was found is printed, what was there stays, nothing half written is left; then all is written after all."""
-    found = []
+    found, drawn = [], {}
 
     def found_once(*asked, **settings):
         found.append(found[0] if found else run_main_job(*asked, **settings))
         return found[-1]
 
+    def drawn_once(figure, kind):
+        drawn[kind] = drawn.get(kind) or figure_bytes(figure, kind)
+        return drawn[kind]
+
     monkeypatch.setattr(main_job, "run_main_job", found_once)
+    for module in (files, results_folder):
+        monkeypatch.setattr(module, "figure_bytes", drawn_once)
     words = asked(name, place, tmp_path / VERBS[name][1])
     if name == "study":
-        monkeypatch.setattr("optkit.studies.report.report.study_figures", lambda tables, trips: {})  # drawn elsewhere
+        monkeypatch.setattr(report, "study_figures", lambda tables, trips: {})  # drawn elsewhere
         optkit(*words, check=0)  # what was worked out is there
         shutil.rmtree(tmp_path / "studies" / "homogeneous")
     before = contents(tmp_path)

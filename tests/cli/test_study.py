@@ -9,6 +9,8 @@ import pytest
 
 from optkit.studies import grids
 from optkit.studies import run_cell as work
+from optkit.studies.report.figures import study_figures
+from optkit.studies.report.maps import bubble_grid
 from optkit.studies.store import CellStore
 from tests import command_line
 from tests.command_line import strict
@@ -36,6 +38,18 @@ def no_figures(monkeypatch):
     monkeypatch.setattr("optkit.studies.report.report.study_figures", lambda tables, trips: {})
 
 
+@pytest.fixture(scope="module")
+def one_figure():
+    """Reports with one figure of the study of sensitivity: the tests of figures draw the others."""
+
+    def few(tables, trips):
+        return {"sens_syn": bubble_grid(tables, "I.1")}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optkit.studies.report.report.study_figures", few)
+        yield
+
+
 @pytest.fixture
 def study(monkeypatch, optkit):
     """Run the verb in this process, without the network; return exit status, output and errors."""
@@ -48,7 +62,7 @@ def files(folder):
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished(one_figure, tmp_path_factory):
     """A folder with a small study, what was planned before it ran, and what it told."""
     out = tmp_path_factory.mktemp("finished")
     common = ["study", "sensitivity", *SMALL, "--out", out, "--jobs", 1]
@@ -58,7 +72,7 @@ def finished(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_study_is_planned_run_and_not_run_again(study, finished):
+def test_a_study_is_planned_run_and_not_run_again(study, one_figure, finished):
     """Plan, results, and a second call that works nothing out and writes the same files."""
     folder, planned, run = finished
     common = ["sensitivity", *SMALL, "--out", folder, "--jobs", 1]
@@ -166,8 +180,21 @@ def test_the_paper_s_own_selection_of_trips(study, few_cells, no_figures, tmp_pa
 
 
 @pytest.mark.slow
-def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path, trip_a_minute):
-    """Nobody asks: what is paid for a request has no mean then."""
+def test_policies_that_serve_nobody_have_a_report_too(study, tmp_path, trip_a_minute, monkeypatch):
+    """Nobody asks: what is paid for a request has no mean then.
+
+    Figures are made, and that of pairs of regions is drawn.
+    """
+
+    def few(tables, trips):
+        figures = study_figures(tables, trips=trips)
+        assert "fair_nyt_combined" in figures
+        for label in figures.keys() - {"fair_nyt_combined"}:
+            figures[label].clf()
+            figures[label].set_layout_engine(None)  # nothing is left to lay out
+        return figures
+
+    monkeypatch.setattr("optkit.studies.report.report.study_figures", few)
     trips = trip_a_minute(60_000)
     common = ["nyc", "--trips", trips, "--fraction", 1e-9, *FEW, "--no-gap", "--seeds", 1]
     status, out, err = study(*common, "--out", tmp_path / "out", "--jobs", 1)

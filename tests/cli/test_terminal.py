@@ -109,8 +109,8 @@ def test_lists_of_names_are_cut_off():
 def test_names_of_all_kinds_are_printed_so_that_they_can_be_seen(call, tmp_path):
     """Requests, columns and files of nasty names: all the output is visible characters, and nobody's lines move."""
     rng = random.Random(2)
-    for number in range(12):
-        names = [nasty(rng) + str(i) for i in range(3)]
+    for number in range(6):
+        names = [nasty(rng) + str(i) for i in range(6)]
         odd = "".join(c for c in nasty(rng) if c not in "/\ud800")
         rows = [{"request": name, "value": 30 + i, "utility": -10, odd: 1} for i, name in enumerate(names)]
         file = tmp_path / f"{odd}{number}.json"
