@@ -210,8 +210,8 @@ class SmallModel:
         requests = np.zeros((T, K), dtype=np.int64)
         for stream in self.streams:
             requests += stream.count[rng.choice(stream.probability.size, T, p=stream.probability)]
-        joined = rng.choice(self.workers.size, T, p=self.workers)
-        length, before = np.zeros(T, dtype=np.int64), 0
+        joined = rng.choice(self.workers.size, T, p=self.workers).tolist()  # numbers one by one are quicker in lists
+        length, before = [0] * T, 0
         for step in range(T):
             joined[step] = min(joined[step], self.queue + 1 - before)
             before = length[step] = max(before + joined[step] - 1, 0)
@@ -233,7 +233,7 @@ class SmallModel:
             mu=self.mu,
             outside_utility=self.outside_utility,
         )
-        return Draw(instance.with_noise(rng), length)
+        return Draw(instance.with_noise(rng), np.array(length, dtype=np.int64))
 
     def sample(self, count: int, seed: int | np.random.SeedSequence) -> list[Instance]:
         """Draw ``count`` independent instances, each from a seed of its own, spawned from ``seed``.

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optkit.basics.errors import InputError, SolverError
@@ -62,6 +62,7 @@ def a_solution(day, multipliers):
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, kinds, st.floats(0, 100))
 def test_the_dual_is_its_definition_and_never_below_it(random_instance, seed, kind, level):
     rng = np.random.default_rng(seed)
@@ -75,6 +76,7 @@ def test_the_dual_is_its_definition_and_never_below_it(random_instance, seed, ki
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, kinds, st.floats(0, 100))
 def test_the_gradient_is_that_of_finite_differences(random_instance, seed, kind, level):
     rng = np.random.default_rng(seed)
@@ -92,6 +94,7 @@ def test_the_gradient_is_that_of_finite_differences(random_instance, seed, kind,
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, kinds, st.floats(0, 100))
 def test_weak_duality_with_any_feasible_solution(random_instance, seed, kind, level):
     """What a feasible solution earns, computed from the definition, is what the verdict says, and below every D(l)."""

@@ -85,6 +85,7 @@ def test_all_methods_agree_and_certify(random_instance, seed, kind):
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, kinds)
 def test_the_default_is_the_best_of_all_matchings(random_instance, brute_force, seed, kind):
     day = random_instance(np.random.default_rng(seed), requests=6, workers=5, **kind)

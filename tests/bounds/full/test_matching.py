@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optkit.bounds.full.edges import edges
@@ -10,6 +10,7 @@ from optkit.bounds.full.matching import dense_matching, sparse_matching
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 20), st.integers(0, 12), st.booleans())
 def test_dense_and_sparse_matchings_are_worth_the_same(random_instance, seed, requests, workers, ties):
     day = random_instance(np.random.default_rng(seed), requests=requests, workers=workers, ties=ties)

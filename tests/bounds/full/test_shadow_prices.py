@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optkit.bounds.full.edges import edges
@@ -25,6 +25,7 @@ def both(graph):
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, shapes)
 def test_duals_of_an_optimal_matching_are_feasible_and_complementary(random_instance, seed, shape):
     graph = edges(random_instance(np.random.default_rng(seed), **shape))
@@ -40,6 +41,7 @@ def test_duals_of_an_optimal_matching_are_feasible_and_complementary(random_inst
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, shapes)
 def test_the_request_duals_are_what_a_request_is_worth(random_instance, seed, shape):
     """The largest optimal y_i is the loss when request i is taken away: the marginal value of a best matching."""
@@ -54,6 +56,7 @@ def test_the_request_duals_are_what_a_request_is_worth(random_instance, seed, sh
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(seeds, shapes)
 def test_any_matching_gets_duals_that_bound_the_best_one(random_instance, seed, shape):
     rng = np.random.default_rng(seed)

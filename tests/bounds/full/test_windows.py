@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optkit.basics.errors import SolverError
@@ -32,6 +32,7 @@ def test_windows_of_any_size_end_at_the_proven_optimum(random_instance, core, ov
 
 
 @pytest.mark.slow
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(0, 4), st.booleans())
 def test_windows_of_random_instances_end_at_the_proven_optimum(random_instance, seed, core, overlap, ties):
     graph = edges(random_instance(np.random.default_rng(seed), requests=25, workers=20, horizon=30, ties=ties))
