@@ -201,14 +201,15 @@ def _rewards(batch: Batch, first: int, last: int, settings: Floats, pay: Callabl
             top = np.flatnonzero(np.diff(state.instance, prepend=-1))
             best = np.maximum.reduceat(total, top, axis=0)
             outside = state.outside_utility + batch.outside_noise[state.worker]
+            takes = (best >= outside[top, None]) & (best > -np.inf)
             size = np.diff(top, append=live.size)
-            taken = total == np.repeat(np.where(best >= outside[top, None], best, np.nan), size, axis=0)
+            taken = total == np.repeat(np.where(takes, best, np.nan), size, axis=0)
             taken &= still
-            if np.add.reduceat(taken, top, axis=0, dtype=np.int64).max() > 1:
+            if np.count_nonzero(taken) > np.count_nonzero(takes):
                 for rows in np.split(taken, top[1:]):  # of requests that a worker likes as much, the first
                     rows &= rows.cumsum(axis=0) == 1
-            at = state.instance[top] - first
-            margin[at] += np.add.reduceat(np.where(taken, state.reward - offer, 0.0), top, axis=0)
+            row, column = np.nonzero(taken)
+            margin[state.instance[row] - first, column] += state.reward[row, 0] - offer[row, column]
             open_[live] = still & ~taken
         over = np.flatnonzero(expiry == step)
         if over.size:
