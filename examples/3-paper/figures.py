@@ -2,7 +2,7 @@
 
     python examples/3-paper/figures.py                            small studies, worked out here in half a minute
     python examples/3-paper/figures.py results/studies figures    from what optkit study left, into a folder
-    python examples/3-paper/figures.py --small                    with short days and two draws of each belief
+    python examples/3-paper/figures.py --small                    with few short days and one draw of each belief
 
 What is drawn is what is there: cells that no study has worked out yet are missing in the figures.
 """
@@ -38,7 +38,7 @@ READING = {
 
 
 SHORT = {"horizon": 25, "split": (60, 12, 12)}
-SMALL = {"horizon": 6, "split": (24, 6, 6)}
+SMALL = {"horizon": 5, "split": (16, 4, 4)}
 
 
 def results(folder: Path | None, name: str, small: bool):
@@ -46,7 +46,7 @@ def results(folder: Path | None, name: str, small: bool):
     if folder is not None:
         study = Study(name)
         return study_tables(load(study.cells(), CellStore(folder / "cells")))
-    study = Study(name, seeds=1, settings=SMALL if small else SHORT, gap=False, draws=2 if small else 10)
+    study = Study(name, seeds=1, settings=SMALL if small else SHORT, gap=False, draws=1 if small else 10)
     cells = [cell for cell in study.cells() if "Attention" not in str(cell) and "Kernel" not in str(cell)]
     with tempfile.TemporaryDirectory() as scratch:
         return study_tables(run_cells(cells, CellStore(scratch)))
