@@ -77,7 +77,6 @@ def test_missing_tables_leave_figures_out(made_up):
     assert sorted(set(labels) - set(study_figures(weak))) == ["comp_nyt_strong", "perf_nyt_strong"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("worlds", [(0,), (2, 5)])
 def test_boxes_stand_above_the_means_of_the_table(drawn, made_up, worlds):
     """The means beneath are those of the table over worlds; where instances are pooled, the title says it."""
@@ -102,7 +101,6 @@ def test_means_leave_out_what_the_table_leaves_out():
     assert study_figures({"rows": rows[rows["instance"] == 1]}) == {}
 
 
-@pytest.mark.slow
 def test_pay_and_use_show_the_means_of_operations(drawn):
     """Above what accepted requests got beyond their burden, below the workers used, with the means of the table."""
     tables = drawn[1]["nyc"]
@@ -294,7 +292,6 @@ def test_what_differs_in_kind_is_of_the_first_world(made_up):
                 assert texts(figure) == texts(draw(first, label))
 
 
-@pytest.mark.slow
 def test_policies_keep_their_colour(drawn):
     """A family of policies has one colour in all figures, and hatching tells what is known of workers."""
     seen = {}

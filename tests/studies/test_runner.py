@@ -81,7 +81,6 @@ def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, whole):
     assert texts(run) == whole
 
 
-@pytest.mark.slow
 def test_progress_ends_at_the_number_of_cells(tmp_path, monkeypatch):
     seen = []
     monkeypatch.setattr(work, "run_cell", lambda cell, trips: {"cell": cell.key})

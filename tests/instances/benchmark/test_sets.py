@@ -23,6 +23,7 @@ from optkit.instances.benchmark.sets import (
 )
 from optkit.instances.catalogue import scenario
 from optkit.instances.instance import Instance
+from optkit.instances.scenario import Scenario, Split
 from optkit.instances.storage import load_instances, read_description, save_instances
 from tests.command_line import optkit
 
@@ -30,6 +31,21 @@ from tests.command_line import optkit
 def contents(folder):
     """Return all files of a folder: their bytes by their names."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_once():
+    """Each split is drawn once, however many tests want it."""
+    draw, drawn = Scenario.split, {}
+
+    def split(source):
+        name = json.dumps(source.describe(), default=str)
+        drawn[name] = drawn.get(name) or draw(source)
+        return Split(*map(list, drawn[name]))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Scenario, "split", split)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -307,22 +323,24 @@ def test_what_the_datasheet_says_of_scenarios_of_a_world():
 
 
 @pytest.mark.slow
-def test_the_command_line_writes_and_checks(tmp_path):
+def test_the_command_line_writes_and_checks(copy):
     """optkit generate benchmark writes sets, goes on, and verifies; in words and as JSON."""
-    folder = tmp_path / "sets"
-    asked = ["generate", "benchmark", "--out", folder, "--scenario", "I.2", "--world", 4]
+    folder = copy
+    for part in ("test", "validation"):
+        shutil.rmtree(folder / "I.2-0" / part)
+    asked = ["generate", "benchmark", "--out", folder, "--scenario", "I.2", "--world", 0]
     told = json.loads(optkit(*asked, "--json", check=0).stdout)
-    assert told["sets"] == {"I.2-4": frozen()["sets"]["I.2-4"]}
-    assert (told["version"], told["written"]) == (1, ["I.2-4/train", "I.2-4/test", "I.2-4/validation"])
+    assert told["sets"] == {"I.2-0": frozen()["sets"]["I.2-0"]}
+    assert (told["version"], told["written"]) == (1, ["I.2-0/test", "I.2-0/validation"])
     assert "1 set, 630 instances; 0 parts written, 3 kept" in optkit(*asked, check=0).stdout
     found = json.loads(optkit("generate", "benchmark", "--check", folder, "--json", check=0).stdout)
     assert found["sets"] == told["sets"]
     assert "are right" in optkit("generate", "benchmark", "--check", folder, check=0).stdout
-    save_instances(folder / "I.2-4" / "validation", scenario("I.2", seed=4).sample(30, 0), overwrite=True)
+    others_in_place(folder)
     done = optkit("generate", "benchmark", "--check", folder, check=2)
     assert re.fullmatch(r"optkit: \S+validation is not this part of version 1 .*\n", done.stderr)
     assert "or pass --overwrite to replace it" in optkit(*asked, check=2).stderr
-    assert json.loads(optkit(*asked, "--overwrite", "--json", check=0).stdout)["written"] == ["I.2-4/validation"]
+    assert json.loads(optkit(*asked, "--overwrite", "--json", check=0).stdout)["written"] == ["I.2-0/validation"]
 
 
 @pytest.mark.slow

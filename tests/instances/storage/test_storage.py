@@ -5,8 +5,6 @@ import json
 import os
 import re
 import stat
-import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +20,6 @@ from scipy import sparse
 
 from optkit import __version__
 from optkit.basics.errors import DataError, InputError, OptkitError
-from optkit.instances import storage
 from optkit.instances.clock import Clock
 from optkit.instances.instance import Instance
 from optkit.instances.storage import load_instances, read_description, save_instances
@@ -433,20 +430,23 @@ def test_interrupted_save_of_a_namesake_is_not_offered(tmp_path):
 @pytest.mark.parametrize("renames", [0, 1, 2])
 def test_killed_save_leaves_a_whole_set(folder, instances, renames):
     """A process that dies before, between or after the renames leaves the old set or the new one, whole."""
-    script = (
-        "import os, sys\n"
-        "from optkit.instances.storage import load_instances, save_instances\n"
-        "real, left = os.replace, [int(sys.argv[2])]\n"
-        "def replace(*args):\n"
-        "    if left[0]: real(*args)\n"
-        "    left[0] -= 1\n"
-        "    if left[0] <= 0: os._exit(9)\n"
-        "os.replace = replace\n"
-        "save_instances(sys.argv[1], load_instances(sys.argv[1])[:1], overwrite=True)\n"
-    )
-    environment = os.environ | {"PYTHONPATH": str(Path(storage.__file__).parents[2])}
-    command = [sys.executable, "-c", script, str(folder), str(renames)]
-    assert subprocess.run(command, env=environment, check=False).returncode == 9
+    real, left = os.replace, [renames]
+
+    def replace(*paths):
+        if left[0]:
+            real(*paths)
+        left[0] -= 1
+        if left[0] <= 0:
+            os._exit(9)
+
+    child = os.fork()  # spares what a new process would import
+    if child == 0:
+        try:
+            os.replace = replace
+            save_instances(folder, load_instances(folder)[:1], overwrite=True)
+        finally:
+            os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
     if renames == 1:
         fails(folder, "interrupted", "move it back")
         (old,) = folder.parent.glob(".set.*.tmp/old")
