@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,7 +34,7 @@ def frame_of(name: str, x: Any) -> Any:
             x = x.set_axis(flat, axis=1)
         names = [str(c) for c in x.columns]
         if len(set(names)) < len(names):
-            double = next(c for i, c in enumerate(names) if c in names[:i])
+            double = next(c for c, times in Counter(names).items() if times > 1)
             raise InputError(f"{name} has the column {double!r} twice; leave one")
     return x
 

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from optkit.basics.errors import DataError
+from optkit.basics.tables import table
 from optkit.cli.request_table import read_requests
 
 NAMES = ["007", "7", "1e3", "1000", "20240101.10", "NA", "null", "True", "café"]
@@ -74,6 +75,36 @@ def test_json_that_says_something_else(tmp_path, rows, words):
     with pytest.raises(DataError, match=words) as caught:
         read_requests(path)
     assert "\n" not in str(caught.value)
+
+
+class Counted(str):
+    """Text that counts how often it is compared, in lower case too."""
+
+    times = 0
+    __hash__ = str.__hash__
+
+    def __eq__(self, other):
+        Counted.times += 1
+        return str.__eq__(self, other)
+
+    def lower(self):
+        """Go on counting."""
+        return Counted(super().lower())
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
+def test_columns_are_compared_a_few_times_each(tmp_path, monkeypatch, kind):
+    """No name is held against all others: four times as many columns are four times as many comparisons."""
+    tidy = table.tidy
+    monkeypatch.setattr(table, "tidy", lambda name: Counted(tidy(name)))
+    times = []
+    for n in (100, 400):
+        names = [f"c{i}" for i in range(n)]
+        path = written(tmp_path, kind, pd.DataFrame(1, index=[0], columns=["value", "utility", *names]))
+        Counted.times = 0
+        assert read_requests(path).ignored == names
+        times.append(Counted.times)
+    assert 0 < times[1] < 6 * times[0]
 
 
 def test_any_number_of_columns(tmp_path):

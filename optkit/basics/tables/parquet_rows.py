@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from optkit.basics.tables.table import Table
+from optkit.basics.tables.table import Table, tidy
 from optkit.basics.tables.text import open_bytes, reading
 
 
@@ -40,7 +40,7 @@ class ParquetTable(Table):
         except BaseException:
             self._file.close()
             raise
-        self.index = frozenset(" ".join(name.split()) for name in (*index, *self._ranges))
+        self.index = frozenset(tidy(name) for name in (*index, *self._ranges))
         self.names = [name for name in self.names if not re.fullmatch(r"__index_level_\d+__", name)]
 
     def close(self) -> None:

@@ -19,6 +19,11 @@ PIECE = 50_000
 """Rows that are read at once."""
 
 
+def tidy(name: object) -> str:
+    """Return the name of a column without blanks at its ends and line breaks."""
+    return " ".join(str(name).split())
+
+
 class Table(ABC):
     """An open file; :func:`optkit.basics.tables.read.open_table` makes one, and it is to be closed, or used in a with.
 
@@ -38,7 +43,7 @@ class Table(ABC):
     """
 
     def __init__(self, path: Path, header: Sequence[object], marks: Mapping[str, str] | None = None) -> None:
-        names = [" ".join(str(name).split()) for name in header]
+        names = [tidy(name) for name in header]
         double = [name for name, times in Counter(names).items() if times > 1 and name]
         if double:
             raise DataError(f"{path} has the column {double[0]!r} twice; leave one")

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, count, floats, ints, open_table
+from optkit.basics.arrays import Floats, Ints, count, floats, ints, mask, open_table, unmasked
 from optkit.basics.errors import DataError, InputError, OptkitError
-from optkit.models.rows import Rows
+from optkit.models.rows import Rows, labelled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,9 +106,10 @@ class Offers:
             raise DataError(f"offers: {len(names)} names for {self.features.shape[1]} features")
         object.__setattr__(self, "names", tuple(names))
         taken_names = {*_WHOLE, "compensation", "chosen", "constant", "mu", "cluster"}
-        for at, name in enumerate(names):
-            if name in taken_names or name in names[:at] or re.fullmatch(r"(pickup|dropoff)_\d+", name):
+        for name in names:
+            if name in taken_names or re.fullmatch(r"(pickup|dropoff)_\d+", name):
                 raise DataError(f"offers: a feature cannot be called {name!r}: the name is taken; rename the column")
+            taken_names.add(name)
         if self.group_names is not None and self.group.size and int(self.group.max()) >= len(self.group_names):
             raise DataError(f"offers: {len(self.group_names)} names of groups, and a group {int(self.group.max())}")
         absurd = np.abs(self.compensation) > 1e100
@@ -155,10 +156,53 @@ class Offers:
         return int(self.chosen.sum())
 
     def take(self, rows: Any) -> Offers:
-        """Return some of the rows, by mask or by index."""
+        """Return some of the rows.
+
+        Parameters
+        ----------
+        rows : (m,) bool, sequence of int, or slice
+            A mask, or places, from the end where negative. A log has no labels: those of a mask must be 0 to m - 1, in
+            any order, and go by these.
+
+        Returns
+        -------
+        Offers
+
+        Raises
+        ------
+        InputError
+            If it is neither, of another length, or a place is out of range.
+        DataError
+            If a row that is a choice is taken twice.
+        """
+        rows = self._places(rows)
         cluster = None if self.cluster is None else self.cluster[rows]
         kept = {name: getattr(self, name)[rows] for name in _COLUMNS}
         return Offers(**kept, names=self.names, cluster=cluster, group_names=self.group_names)
+
+    def _places(self, rows: Any) -> Ints:
+        """Return which rows are meant, by their places."""
+        m = len(self)
+        if isinstance(rows, slice):
+            return np.arange(m)[rows]
+        unmasked("rows", rows)
+        try:
+            array = np.asarray(rows)
+        except ValueError:
+            raise InputError("rows is ragged; give a mask of True and False, or whole numbers") from None
+        if array.dtype.kind == "b" or (array.dtype.kind == "O" and any(isinstance(x, bool) for x in array.flat)):
+            if labelled(rows):
+                import pandas as pd
+
+                rows = Rows(m, pd.RangeIndex(m), "the log").take("rows", rows)
+            return np.flatnonzero(mask("rows", rows, (m,)))
+        if array.dtype.kind == "f" and array.size:  # 1.0 and 0.0 are rather a mask that was averaged or joined
+            raise InputError("rows holds floats; give a mask of True and False, or whole numbers")
+        places = ints("rows", rows, (None,))
+        wrong = (places < -m) | (places >= m)
+        if wrong.any():
+            raise InputError(f"rows[{int(wrong.argmax())}] = {places[wrong.argmax()]} is none of {m} rows of the log")
+        return places
 
     @classmethod
     def join(cls, parts: Sequence[Offers]) -> Offers:

@@ -97,6 +97,82 @@ def test_take_by_mask_and_by_index():
     assert offers.take(offers.group == 1).n_choices == 0
 
 
+@pytest.mark.parametrize(
+    "rows",
+    [
+        np.ma.masked_array([True] * 5, [True, *[False] * 4]),
+        np.ma.masked_array([0, 1], [True, False]),
+        [True, np.ma.masked, True, True, True],
+        ["True"] * 5,
+        [True, np.nan, True, True, True],
+        [1.0, np.nan],
+        [1.0, 0.0, 1.0, 0.0, 0.0],
+        [0.5],
+        [True] * 4,
+        [True] * 6,
+        pd.Series([True] * 5, index=range(1, 6)),
+        pd.Series([True] * 5, index=list("abcde")),
+        pd.Series([True] * 5, index=[0, 0, 1, 2, 3]),
+        pd.Series([True, pd.NA, True, True, True], dtype="boolean"),
+        [True, 0, 0, 0, 0],
+        [5],
+        [-6],
+        [10**30],
+        [1 + 0j],
+        np.array([0], "M8[D]"),
+        [[0, 1]],
+        np.ones((5, 2), bool),
+        3,
+        None,
+        "all",
+        {"a": 1},
+        [[1], [1, 2]],
+    ],
+    ids=str,
+)
+def test_rows_that_are_none_are_refused(rows):
+    """What hides, is missing, is no row, or is called otherwise is one line, and never taken for something else."""
+    with pytest.raises(InputError, match=r"rows|the log") as caught:
+        log().take(rows)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mask_goes_by_its_labels():
+    """A mask that was sorted finds its rows again; places, slices and nothing at all are taken as they stand."""
+    offers, rng = log(), np.random.default_rng(0)
+    for _ in range(10):
+        wanted = rng.random(5) < 0.5
+        right = offers.take(np.flatnonzero(wanted))
+        for same in (wanted, wanted.tolist(), wanted.astype(object), pd.Series(wanted).sample(frac=1.0)):
+            assert_same(offers.take(same), right)
+    assert_same(offers.take(slice(1, 3)), offers.take([1, -3]))
+    assert_same(offers.take(pd.Series([1, 2], index=["a", "b"])), offers.take(np.array([1, 2], np.uint8)))
+    assert len(offers.take([])) == len(offers.take(np.zeros(5, bool))) == 0
+
+
+class Counted(str):
+    """Text that counts how often it is compared, through the changes that a table makes to names."""
+
+    times = 0
+    __hash__ = str.__hash__
+
+    def __eq__(self, other):
+        Counted.times += 1
+        return str.__eq__(self, other)
+
+    def __str__(self):
+        return self
+
+
+def test_names_are_compared_once_each():
+    """Many features take no longer than their number: each name is looked up, not held against all before it."""
+    Counted.times, n = 0, 500
+    Offers([0], [0], np.zeros((1, n)), [0], [0], [1.0], [1], names=tuple(Counted(f"km{f}") for f in range(n)))
+    assert Counted.times < 4 * n
+    with pytest.raises(DataError, match=r"'km3'.* is taken"):
+        Offers([0], [0], np.zeros((1, 5)), [0], [0], [1.0], [1], names=("km3", "km1", "km2", "km3", "km5"))
+
+
 def test_join_numbers_situations_anew():
     """Situations of two logs never merge, whatever their numbers, and all else is put end to end."""
     first, second = log(), log(situation=[0, 0, 7, 7, -2])
