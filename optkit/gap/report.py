@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import whole_number
+from optkit.basics.arrays import flag, number, whole_number
 from optkit.basics.errors import InputError, SolverError
 from optkit.basics.keeper import Form, KeptRows
 from optkit.basics.parallel import check_jobs, in_parallel
@@ -269,6 +269,7 @@ def gap_report(
     >>> report.best_policy, report.best_bound, bool((report.gaps["money"] > 0).all())
     ('myopic', 'arrival', True)
     """
+    flag("known_process", known_process)
     told = list(assumptions)
     if isinstance(source, Scenario):
         instances = held_out(source)
@@ -366,6 +367,8 @@ def _checked(
     seed: int,
 ) -> tuple[Kind, ...]:
     """Check the arguments of a report; return the bounds to compute."""
+    if not 0 < number("confidence", confidence) < 1:
+        raise InputError(f"confidence = {confidence} is not between 0 and 1")
     if not instances or not policies:
         raise InputError("a gap report needs at least one instance and one policy")
     for b, one in enumerate(instances):
@@ -377,8 +380,6 @@ def _checked(
     check_limit(limit)
     check_seed(seed)
     whole_number("redraws", redraws, least=1)
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence = {confidence} is not between 0 and 1")
     able = value is not None and foresight is not None
     if kinds is None:
         if (value is None) != (foresight is None):

@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, number
+from optkit.basics.errors import InputError
 from optkit.gap.rows import CHARGED, Kind
 from optkit.simulation.metrics import ROUNDING, MeanInterval
 
@@ -50,6 +51,8 @@ def ratio_of_means(numerator: npt.ArrayLike, denominator: npt.ArrayLike, confide
     >>> round(found.mean, 4), bool(found.low < 0.1 < found.high)
     (0.1017, True)
     """
+    if not 0 < number("confidence", confidence) < 1:
+        raise InputError(f"confidence = {confidence} is not between 0 and 1")
     y, d = np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)
     nan = float("nan")
     scale = float(d.mean())

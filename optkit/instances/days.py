@@ -51,7 +51,7 @@ def days_from_frames(
         As of :meth:`optkit.Instance.from_frames`, and each with a column of days.
     day : str
         That column: dates, or any names of days.
-    mu, outside_utility : float, (D,) float, or dict of group to float
+    mu, outside_utility : float, (D,) float, or dict or Series of group to float
         As of :meth:`optkit.Instance.from_frames`.
     horizon : int, optional
         Steps of each day; as many as the longest has, unless given.

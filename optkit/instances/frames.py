@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, Ints, floats, ints, real
+from optkit.basics.arrays import Bools, Floats, Ints, flag, floats, ints, real
 from optkit.basics.errors import InstanceError
 from optkit.basics.printable import listed
 from optkit.instances.clock import (
@@ -154,6 +154,7 @@ def understood(
         If a column is missing, there twice, or nearly has the name of one that may be left out, or a group has no
         utilities.
     """
+    queue = flag("queue", queue, error=InstanceError)
     requests, workers, features = frame("requests", requests), frame("workers", workers), list(features)
     _need("requests", requests, ["arrival", "expiry", "reward", *features, *more], remedy)
     _need("workers", workers, ["joined|step", *more], remedy)
@@ -169,9 +170,10 @@ def understood(
         _once(table, own, [c for c in known if c in own])
         _no_misspelling(table, own, known)
     account = Account({"requests": len(requests), "workers": len(workers)})
+    used = {"requests": {*REQUESTS, *columns, *features, *more}, "workers": {*WORKERS, *more}}
     account.unused = {
-        "requests": [c for c in requests.columns if c not in (*REQUESTS, *columns, *features, *more)],
-        "workers": [c for c in workers.columns if c not in (*WORKERS, *more)],
+        "requests": [c for c in requests.columns if c not in used["requests"]],
+        "workers": [c for c in workers.columns if c not in used["workers"]],
     }
     queued = (queue and "step" in workers) or "joined" in workers
     return Tables(requests, workers, groups, columns, group, features, queued and not _both(workers, queue), account)
@@ -456,7 +458,11 @@ def _within(at: Ints, horizon: int, out: Counter[str], steps: Steps, verb: str) 
 
 
 def _by_group(name: str, value: Any, tables: Tables, one: bool = False) -> Any:
-    """Return what was given for each group by its name, or for all alike."""
+    """Return what was given for each group by its name, or for all alike; a Series goes by its labels, like a dict."""
+    if hasattr(value, "iloc") and getattr(value, "ndim", 0) == 1:
+        if not value.index.is_unique:
+            raise InstanceError(f"{name} is given twice for {value.index[value.index.duplicated()][0]}")
+        value = value.to_dict()
     if isinstance(value, Mapping):
         names = tables.groups or tuple(map(str, range(len(tables.columns))))
         given = {str(key): number for key, number in value.items()}
@@ -503,7 +509,8 @@ def _mend(remedy: str, missing: Sequence[str]) -> str:
 
 
 def _once(table: str, own: pd.DataFrame, columns: Sequence[str]) -> None:
-    double = next((c for c in columns if list(own.columns).count(c) > 1), None)
+    times = Counter(own.columns)
+    double = next((c for c in columns if times[c] > 1), None)
     if double is not None:
         raise InstanceError(f"the {table} table has the column {double!r} twice; leave one")
 

@@ -391,7 +391,7 @@ class Instance(ReadOnlyArrays):
         workers : DataFrame, or table of polars or pyarrow
             ``joined``, when each joined the queue, which makes the step at which he is seen; or ``step``, when he was
             seen; or both. ``group``, by name or number, and ``worker_id`` may be left out. Any order.
-        mu, outside_utility : float, (D,) float, or dict of group to float
+        mu, outside_utility : float, (D,) float, or dict or Series of group to float
             Noise scale and utility of rejecting, in money: per group, or one number for all.
         horizon : int, optional
             Number of steps; one more than the last step that the tables name, unless given.

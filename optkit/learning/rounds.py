@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, flag, number, whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, check_seed, stream
 from optkit.instances.instance import Instance
@@ -150,10 +150,10 @@ def learn_preferences(
     >>> bool(learned.rounds["rmse"].iloc[-1] < 0.5)
     True
     """
-    if rounds < 1 or not tolerance > 0:
-        raise InputError(f"rounds = {rounds} must be at least 1 and tolerance = {tolerance} positive")
-    if not 0 <= deviation < np.inf:
-        raise InputError(f"deviation = {deviation} must be a number of at least 0, in money")
+    whole_number("rounds", rounds, least=1)
+    number("tolerance", tolerance, above=0.0)
+    number("deviation", deviation, least=0.0)
+    flag("pooled", pooled)
     check_seed(seed)
     batch = Batch.of(instances)
     if not len(batch):
@@ -176,21 +176,21 @@ def learn_preferences(
                 progress(rounds, rounds)
             return begun
         policy = Explore(PostDecisionPricing(choice=begun.preferences), deviation, seed=seed + done)
-    for number in range(done, rounds):
-        logs.append(collect(another_day(batch.instances, seed, number), policy))
+    for past in range(done, rounds):
+        logs.append(collect(another_day(batch.instances, seed, past), policy))
         offers = Offers.join(logs)
         absent = sorted(set(range(batch.groups)) - set(offers.group.tolist()))
         if absent and not pooled:
             raise DataError(f"group {absent[0]} was offered nothing: learn from more instances, or with pooled=True")
         preferences = refit(offers, pooled, attributes)
         own = _round(preferences, offers, where, truth)
-        rows += [{"round": number + 1, **row} for row in own]
+        rows += [{"round": past + 1, **row} for row in own]
         converged = all(row["verdict"] != "not identified" and row["standard_error"] <= tolerance for row in own)
         if progress is not None:
-            progress(rounds if converged else number + 1, rounds)
+            progress(rounds if converged else past + 1, rounds)
         if converged:
             break
-        policy = Explore(PostDecisionPricing(choice=preferences), deviation, seed=seed + number + 1)
+        policy = Explore(PostDecisionPricing(choice=preferences), deviation, seed=seed + past + 1)
     import pandas as pd
 
     return Learned(preferences, offers, pd.DataFrame(rows), converged, tolerance)

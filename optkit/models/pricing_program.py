@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, flag
 from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.convex_solver import run
@@ -134,7 +134,7 @@ class PricingProgram:
                 f"a program over {n:,} requests takes about {32e-9 * n * n:,.1f} GB; at most {LARGEST:,} are taken: "
                 "optimal_prices prices any number"
             )
-        self.n, self.nonnegative = int(n), bool(nonnegative)
+        self.n, self.nonnegative = int(n), flag("nonnegative", nonnegative)
         self._programs: dict[int, _Program] = {}
         self._last = self.n
 

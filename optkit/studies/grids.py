@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any
 
-from optkit.basics.arrays import whole_number
+from optkit.basics.arrays import flag, whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.instances.new_york.trip_files import find_files
 from optkit.instances.new_york.trip_scenario import check_selection
@@ -88,6 +88,7 @@ class Study:
     def __post_init__(self) -> None:
         if self.name not in STUDIES:
             raise InputError(f"no study {self.name!r}; there are {', '.join(STUDIES)}, and all")
+        flag("gap", self.gap)
         if not self.worlds:
             raise InputError("worlds is empty; give the number of at least one")
         worlds = tuple(whole_number(f"worlds[{k}]", world, least=0) for k, world in enumerate(self.worlds))

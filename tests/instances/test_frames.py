@@ -296,3 +296,23 @@ def test_days_by_number_and_without_a_clock():
         ("9", 2, 1, 4),
         ("10", 1, 0, 4),
     ]
+
+
+@pytest.mark.parametrize("name", ["mu", "outside_utility"])
+def test_a_series_of_groups_goes_by_its_labels(name):
+    """Numbers or names of groups, in any order, are a mapping; other labels, and labels that stand twice, are none."""
+    asked = requests().drop(columns="utility").assign(utility_bike=-9.0, utility_car=-8.0, utility_van=-7.0)
+    came = workers(group=["car", "van", "bike"])
+    numbered = asked.rename(
+        columns={"utility_bike": "utility_0", "utility_car": "utility_1", "utility_van": "utility_2"}
+    )
+    right = pd.Series({"bike": 1.0, "car": 2.0, "van": 3.0})
+    for seed in range(6):
+        mixed = right.sample(frac=1.0, random_state=seed)
+        assert getattr(made(asked, came, **{name: mixed}), name).tolist() == [1.0, 2.0, 3.0]
+        mixed = right.set_axis([0, 1, 2]).sample(frac=1.0, random_state=seed)
+        day = made(numbered, workers(group=[1, 2, 0]), **{name: mixed})
+        assert getattr(day, name).tolist() == [1.0, 2.0, 3.0]
+    for wrong in (right.set_axis([0, 1, 2]), right[["bike", "car"]], right[["bike", "car", "van", "van"]]):
+        with pytest.raises(InstanceError, match=f"{name} is given"):
+            made(asked, came, **{name: wrong})

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from optkit.basics.arrays import flag
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.files import locked_folder, write_together
 from optkit.basics.keeper import Form
@@ -178,6 +179,7 @@ def write_benchmark_sets(
     ...     print(made["written"], sorted(one.name for one in Path(place).iterdir()))
     ['I.2-0/train', 'I.2-0/test', 'I.2-0/validation'] ['CHECKSUMS.json', 'I.2-0', 'README.md']
     """
+    flag("overwrite", overwrite)
     place, whole = Path(folder), frozen()["sets"]
     asked = [(name, world) for name in _names(scenarios) for world in _worlds(worlds)]
     names = [f"{name}-{world}" for name, world in asked]

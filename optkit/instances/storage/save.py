@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from optkit.basics.arrays import flag
 from optkit.basics.errors import InputError
 from optkit.basics.files import cannot_write
 from optkit.basics.folders import foreign_entry, publish, set_aside
@@ -81,6 +82,7 @@ def save_instances(
     ...     load_instances(folder) == [day], read_description(folder)["scenario"]
     (True, {'origin': 'by hand'})
     """
+    flag("overwrite", overwrite)
     items = _checked(instances)
     target = resolved(folder)
 

@@ -12,7 +12,7 @@ from statsmodels.base.model import LikelihoodModelResults, LikelihoodResultsWrap
 from statsmodels.base.wrapper import populate_wrapper
 from statsmodels.iolib.summary import Summary
 
-from optkit.basics.arrays import Floats, number, real
+from optkit.basics.arrays import Floats, flag, number, real
 from optkit.basics.errors import InputError
 from optkit.models.estimation.choices import mask_of_rows
 from optkit.models.estimation.formulas import column_of, evaluated
@@ -155,6 +155,7 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         InputError
             If columns are missing, shapes do not fit, or an entry is not finite.
         """
+        flag("transform", transform)
         if exog is None:
             fitted, index = self.fittedvalues, self.model.data.row_labels
             return fitted if index is None else pd.Series(fitted, index=index)
@@ -221,6 +222,7 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
             If labels are not the names of the coefficients, each once, or an entry is not a finite number.
         """
         names = self.model.column_names
+        use_t = None if use_t is None else flag("use_t", use_t)
         return super().t_test(contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names), use_t)
 
     def wald_test(
@@ -251,6 +253,7 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         """
         names = self.model.column_names
         asked, given = contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names)
+        use_f = None if use_f is None else flag("use_f", use_f)
         inverse = None if invcov is None else real("invcov", invcov)
         return super().wald_test(asked, given, invcov=inverse, use_f=use_f, **options)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, flag
 from optkit.basics.errors import InputError
 
 
@@ -31,6 +31,9 @@ class Attributes:
     pickups: int = 1
     dropoffs: int = 1
     reference: bool = True
+
+    def __post_init__(self) -> None:
+        flag("reference", self.reference)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, read_document, real, write_document
+from optkit.basics.arrays import Floats, Ints, flag, read_document, real, write_document
 from optkit.basics.errors import DataError, InputError
 from optkit.models.preferences.attributes import Attributes
 
@@ -58,6 +58,7 @@ class Preferences:
     group_names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        flag("pooled", self.pooled)
         G, p = np.shape(self.weights)
         if p != len(self.attributes.columns) or np.shape(self.scale) != (G,):
             raise InputError(f"weights {np.shape(self.weights)} do not fit {len(self.attributes.columns)} columns")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats
+from optkit.basics.arrays import Bools, Floats, number
 from optkit.basics.errors import InputError
 from optkit.models.decision import Decisions, Given
 from optkit.models.pricing import closed_form, enclosure
@@ -108,7 +108,7 @@ def certify(
     Raises
     ------
     InputError
-        As :func:`optkit.models.pricing.optimal_prices`, or if the tolerance is not positive.
+        As :func:`optkit.models.pricing.optimal_prices`, or if the tolerance is not a finite number above 0.
 
     Examples
     --------
@@ -119,8 +119,7 @@ def certify(
     >>> certify(prices + [0.1, 0.0], [5.0, 6.0], [-1.0, -2.0]).optimal
     np.False_
     """
-    if not tolerance > 0:
-        raise InputError(f"tolerance = {tolerance} must be positive")
+    tolerance = number("tolerance", tolerance, above=0.0)
     if not isinstance(nonnegative, bool | np.bool_):
         raise InputError(
             f"nonnegative = {nonnegative!r}: a certificate is for c >= 0 (True) or for either sign (False)"

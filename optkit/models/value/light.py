@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optkit.basics.arrays import whole_number
+from optkit.basics.arrays import flag, number, whole_number
 from optkit.models.value.features import HatFeatures, KernelFeatures, coordinates, surplus_knots
 from optkit.models.value.linear_in_terms import LinearInTerms, SetExperience, Term
 from optkit.models.value.ranked_term import RankedTerm, knots
@@ -81,6 +81,7 @@ class LinearValue(LinearInTerms):
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
         if self.terms is not None:
             return list(self.terms)
+        by_group = flag("by_group", self.by_group)
         spots = whole_number("surplus_knots", self.surplus_knots, least=2)
         requests = experience.requests
         time, rank = knots("time_knots", self.time_knots), knots("rank_knots", self.rank_knots)
@@ -90,7 +91,7 @@ class LinearValue(LinearInTerms):
         def hat(group: int | None) -> HatFeatures:
             return HatFeatures(group, surplus_knots(requests, spots, group, known), time)
 
-        if not self.by_group:
+        if not by_group:
             return [RankedTerm(hat(None), "surplus", rank, busy)]
         ranked = [RankedTerm(hat(group), group, rank, busy) for group in range(requests.surplus.shape[1])]
         return [*ranked, RankedTerm(hat(None), "urgency", rank, busy)]
@@ -152,6 +153,7 @@ class KernelValue(LinearInTerms):
 
     def _make_terms(self, experience: SetExperience) -> Sequence[Term]:
         landmarks = whole_number("landmarks", self.landmarks, least=1)
+        gamma = number("gamma", self.gamma, above=0.0)
         from sklearn.cluster import KMeans
 
         seen = [s for step in range(experience.horizon - 1) if (s := experience.sets(step)) is not None]
@@ -168,7 +170,7 @@ class KernelValue(LinearInTerms):
         means = KMeans(count, n_init=1, random_state=self.seed).fit(standard).cluster_centers_
         rank = knots("rank_knots", self.rank_knots)
         busy = None if self.busy_knots is None else knots("busy_knots", self.busy_knots)
-        return [RankedTerm(KernelFeatures(center, scale, means, float(self.gamma)), "surplus", rank, busy)]
+        return [RankedTerm(KernelFeatures(center, scale, means, gamma), "surplus", rank, busy)]
 
 
 def _known(requests: KnownRequests) -> int:

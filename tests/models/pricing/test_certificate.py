@@ -231,8 +231,8 @@ def test_the_summary_says_what_a_person_asks_first():
         ({"compensation": [[1.0, 2.0]] * 3}, "compensation has shape"),
         ({"value": [np.inf, 1.0]}, r"value\[0\] is inf"),
         ({"mu": 0}, "mu = 0.0 is not positive"),
-        ({"tolerance": 0.0}, "tolerance = 0.0 must be positive"),
-        ({"tolerance": np.nan}, "tolerance = nan must be positive"),
+        ({"tolerance": 0.0}, "tolerance = 0.0 is not a finite number above 0"),
+        ({"tolerance": np.nan}, "tolerance = nan is not a finite number above 0"),
     ],
 )
 def test_bad_input_is_named_in_one_line(change, words):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from optkit.basics.arrays import is_finite, number, whole_number
+from optkit.basics.arrays import flag, is_finite, number, whole_number
 from optkit.basics.errors import InputError
 
 
@@ -77,6 +77,8 @@ class AttentionSettings:
             if given is None and name in ("instances", "decay_steps"):
                 continue
             object.__setattr__(self, name, whole_number(name, given, least=1))
+        for name in ("empty_is_zero", "scaled"):
+            flag(name, getattr(self, name))
         for name in ("learning_rate", "decay_rate", "clip"):
             number(name, getattr(self, name), above=0.0)
         number("discount", self.discount, least=0.0, most=1.0)
