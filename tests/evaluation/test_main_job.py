@@ -40,7 +40,7 @@ def run(split):
 @pytest.fixture(scope="module")
 def groups():
     """A small split of Scenario II, with three groups of workers, and a run on it."""
-    small = scenario("II", seed=0, split=(20, 4, 3), horizon=10).split()
+    small = scenario("II", seed=0, split=(12, 4, 2), horizon=8).split()
     return small, run_main_job(small, {}, verify=0, seed=3)
 
 
@@ -54,7 +54,10 @@ def test_every_stage_is_told_to_its_end(run):
 
 @pytest.fixture(scope="module")
 def without_second(split):
-    """A run where the bound of the second test instance cannot be computed."""
+    """A run where the bound of the second test instance cannot be computed, and a training diverges.
+
+    With it, the last progress that each stage told.
+    """
     calls = iter(range(100))
 
     def sometimes(instance):
@@ -62,22 +65,28 @@ def without_second(split):
             raise SolverError("hit its time limit")
         return full_information(instance)
 
+    def diverge(*_, **__):
+        raise TrainingError("training diverged")
+
+    told = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(proven, "full_information", sometimes)
-        return run_main_job(split, {}, verify=0)
+        patch.setattr(KernelValue, "fit", diverge)
+        result = run_main_job(split, {}, verify=0, progress=lambda stage, *done: told.update({stage: done}))
+    return result, told
 
 
 @pytest.mark.slow
 def test_an_instance_without_a_bound_is_left_out_and_named(without_second):
     """Where a solver gives up, no bound is invented: the instance is named with the reason, the others go on."""
-    assert without_second.bound_failures == {1: "hit its time limit"}
-    assert without_second.comparison.table["instances"].tolist() == [3] * 8
+    result, _ = without_second
+    assert result.bound_failures == {1: "hit its time limit"}
+    assert result.comparison.table["instances"].tolist() == [3] * 7
 
 
-@pytest.mark.slow
 def test_rows_keep_the_numbers_of_their_instances(split, without_second):
     """Without instance 1, the rows are those of instances 0, 2 and 3."""
-    rows = without_second.comparison.per_instance
+    rows = without_second[0].comparison.per_instance
     myopic = rows[rows["policy"] == "Myopic, true MNL"]
     assert myopic["instance"].tolist() == [0, 2, 3]
     assert myopic["requests"].tolist() == [split.test[i].n_requests for i in (0, 2, 3)]
@@ -101,16 +110,9 @@ def test_what_cannot_be_learned_is_left_out(split):
     assert result.comparison.table["policy"].tolist() == left
 
 
-@pytest.mark.slow
-def test_a_training_that_fails_is_left_out(split, monkeypatch):
+def test_a_training_that_fails_is_left_out(without_second):
     """A value function that diverges is named with the reason, progress reaches its end, and the others go on."""
-
-    def diverge(*_, **__):
-        raise TrainingError("training diverged")
-
-    monkeypatch.setattr(KernelValue, "fit", diverge)
-    told = {}
-    result = run_main_job(split, {}, verify=0, progress=lambda stage, done, total: told.update({stage: (done, total)}))
+    result, told = without_second
     assert result.record["not trained"] == {"Kernel, true MNL": "training diverged"}
     assert "Kernel, true MNL" not in result.comparison.table["policy"].tolist()
     assert "Linear, learned MNL" in result.comparison.table["policy"].tolist()
