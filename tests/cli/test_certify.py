@@ -28,8 +28,8 @@ def certify(optkit, monkeypatch):
     Value functions for charges are trained on few instances, and arrivals drawn from few: they prove less, but as
     surely.
     """
-    monkeypatch.setattr(charging, "MOST", 40)
-    monkeypatch.setattr(charging, "POOL", 120)
+    monkeypatch.setattr(charging, "MOST", 20)
+    monkeypatch.setattr(charging, "POOL", 60)
     return partial(optkit, "certify")
 
 
