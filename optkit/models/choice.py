@@ -47,6 +47,12 @@ def acceptance_probabilities(
         If an entry is not finite (but for ``-inf`` in ``utility``), a ratio to mu overflows, mu is not positive, the
         mask is not made of True and False, or shapes do not fit.
 
+    Notes
+    -----
+    What has labels, as pandas' Series and DataFrames have, goes by them: the same labels in another order are brought
+    into that of the first argument that has any, which is that of the results; other labels are refused. Arrays and
+    lists go by place.
+
     Examples
     --------
     >>> acceptance, rejection = acceptance_probabilities([10.0, 12.0], [-10.0, -12.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from optkit.basics.arrays import Bools, Floats, mask, real
 from optkit.basics.errors import InputError
+from optkit.models.rows import Rows, labelled
 
 __all__ = ["Bools", "Decisions", "Floats", "Given"]
 
@@ -104,12 +106,18 @@ class Given(NamedTuple):
     ) -> Given:
         """Check and broadcast, here and nowhere else; ``name`` is what the errors call the money.
 
+        What has labels goes by them, see :func:`by_label`.
+
         Raises
         ------
         InputError
             If an entry is not finite (but for ``-inf`` in ``utility``) or beyond any float, mu is not positive, the
             mask is not made of True and False, or shapes do not fit.
         """
+        money, utility, offered, mu, outside_utility = by_label(
+            {name: money, "utility": utility, "offered": offered},
+            {"mu": mu, "outside_utility": outside_utility},
+        )
         m, u = _per_request(name, real(name, money)), _per_request("utility", real("utility", utility, accept="-inf"))
         scale, outside = real("mu", mu)[..., None], real("outside_utility", outside_utility)[..., None]
         least, most = scale.min(initial=1.0), scale.max(initial=1.0)
@@ -202,6 +210,62 @@ class Given(NamedTuple):
     def at(self, money: Floats, name: str = "money") -> Given:
         """Return the same with other money (S, n) in the place of this."""
         return self._within(name, self.shape, money, self.utility, self.outside_utility, self.mu, self.offered)
+
+
+def by_label(requests: Mapping[str, Any], decisions: Mapping[str, Any]) -> list[Any]:
+    """Bring what is labelled into one order, that of the first argument that is; all else stays as it is, by place.
+
+    Parameters
+    ----------
+    requests : dict of str to array_like
+        Arguments (..., n): the index of a Series, and the columns of a DataFrame, are the requests' labels.
+    decisions : dict of str to array_like
+        Arguments (...): their index, and that of a DataFrame of ``requests``, are the decisions' labels.
+
+    Returns
+    -------
+    list
+        The arguments of both, in the order given.
+
+    Raises
+    ------
+    InputError
+        If labels are not the same, or stand there twice and in another order.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> value, utility = pd.Series({"a": 5.0, "b": 6.0}), pd.Series({"b": -2.0, "a": -1.0})
+    >>> [one.tolist() for one in by_label({"value": value, "utility": utility}, {})]
+    [[5.0, 6.0], [-1.0, -2.0]]
+    """
+    found = {**requests, **decisions}
+    if not any(labelled(one) for one in found.values()):
+        return list(found.values())
+    import pandas as pd
+
+    axes: dict[str, dict[int, Any]] = {name: {} for name in found}  # of each argument, where the two labels stand
+    for name, one in found.items():
+        if labelled(one) and getattr(one, "ndim", 0) == 2:
+            axes[name] = {0: one.index, 1: one.columns}
+        elif labelled(one):
+            axes[name] = {1 if name in requests else 0: one.index}
+    for kind in (0, 1):
+        places: dict[str, Any] = {
+            name: pd.Series(np.arange(len(axes[name][kind])), axes[name][kind]) if kind in axes[name] else None
+            for name, one in found.items()
+            if one is not None and (kind == 0 or name in requests)
+        }
+        n = next((len(one) for one in places.values() if one is not None), 0)
+        rows = Rows.of(n, **places)
+        for name, one in places.items():
+            if one is None:
+                continue
+            order = np.asarray(rows.take(name, one))
+            if not np.array_equal(order, np.arange(len(order))):
+                along = 1 if kind == 1 and found[name].ndim == 2 else 0
+                found[name] = found[name].iloc[:, order] if along else found[name].iloc[order]
+    return list(found.values())
 
 
 def largest(x: Floats) -> float:

@@ -178,7 +178,7 @@ class PricingProgram:
         Raises
         ------
         InputError
-            If an argument is out of shape, not finite or out of range, or the solver is not installed.
+            If an argument is out of shape, not finite or out of range, labels differ, or the solver is not installed.
         SolverError
             If the solver does not end with status "optimal", or its primal and dual values differ by more than
             :data:`ACCURACY`: what is not accurate never becomes a price.

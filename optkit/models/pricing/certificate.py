@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from optkit.basics.arrays import Bools, Floats, number
 from optkit.basics.errors import InputError
-from optkit.models.decision import Decisions, Given
+from optkit.models.decision import Decisions, Given, by_label
 from optkit.models.pricing import closed_form, enclosure
 
 
@@ -110,6 +110,12 @@ def certify(
     InputError
         As :func:`optkit.models.pricing.optimal_prices`, or if the tolerance is not a finite number above 0.
 
+    Notes
+    -----
+    What has labels, as pandas' Series and DataFrames have, goes by them: the same labels in another order are brought
+    into that of the first argument that has any, which is that of the results; other labels are refused. Arrays and
+    lists go by place.
+
     Examples
     --------
     >>> from optkit.models.pricing import optimal_prices
@@ -124,6 +130,10 @@ def certify(
         raise InputError(
             f"nonnegative = {nonnegative!r}: a certificate is for c >= 0 (True) or for either sign (False)"
         )
+    compensation, value, utility, offered, mu, outside_utility = by_label(
+        {"compensation": compensation, "value": value, "utility": utility, "offered": offered},
+        {"mu": mu, "outside_utility": outside_utility},
+    )
     given = Given.of("value", value, utility, mu, outside_utility, offered)
     d, c = given.decisions(), given.prices(compensation).money
     shown = np.ones(c.shape, bool) if given.offered is None else given.offered

@@ -100,6 +100,10 @@ def optimal_prices(
     value stays on offer at compensation 0, and a worker who likes it may take it: the profit counts that, and may be
     negative.
 
+    What has labels, as pandas' Series and DataFrames have, goes by them: the same labels in another order are brought
+    into that of the first argument that has any, which is that of the results; other labels are refused. Arrays and
+    lists go by place.
+
     Examples
     --------
     The paper's clipping loses money; the exact form does not.
