@@ -23,7 +23,12 @@ def write_document(path: str | os.PathLike[str], plain: dict[str, Any], what: st
     target = Path(path)
     if not target.name:
         raise OptkitError(f"{os.fspath(path)!r} names no file to write {what} to")
-    return write_whole(target, to_json(sealed(plain)) + "\n")
+    return write_whole(target, document_text(plain))
+
+
+def document_text(plain: dict[str, Any]) -> str:
+    """Return what :func:`write_document` writes."""
+    return to_json(sealed(plain)) + "\n"
 
 
 def read_document(path: str | os.PathLike[str], form: str, version: int, what: str) -> dict[str, Any]:

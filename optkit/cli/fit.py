@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from optkit.basics.documents import document_text
 from optkit.basics.errors import InputError
 from optkit.basics.files import write_together
+from optkit.basics.folders import writable_parent
 from optkit.basics.plain_json import to_json
 from optkit.basics.printable import printable
 from optkit.cli.console import print_table, say, say_json
 from optkit.cli.options import Json
-from optkit.cli.output import FIT_JSON, FIT_TEXT, fit_document, fit_text
+from optkit.cli.output import FIT_JSON, FIT_TEXT, PREFERENCES, fit_document, fit_text
 
 if TYPE_CHECKING:
     from optkit.models.preferences.preferences import Preferences
@@ -31,7 +34,13 @@ def fit(
     cluster: Annotated[
         str | None, typer.Option(help="Column whose decisions depend on each other (the worker): clustered errors.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Save the summary as text, and as JSON beside it.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder to write: preferences.json, which other verbs take, and the summary as text and JSON. Or a "
+            "text file, for the summary alone with its JSON beside it."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Estimate workers' utilities and noise scale from what they were offered and took.
@@ -48,9 +57,12 @@ def fit(
 
     names = None if features is None else [name.strip() for name in features.split(",")]
     if out is not None and out.suffix == ".json":
-        raise InputError(f"--out {out}: give the text file's name, such as fit.txt; the JSON goes beside it")
+        raise InputError(
+            f"--out {out}: give a folder, or the text file's name, such as fit.txt; the JSON goes beside it"
+        )
+    folder = out is not None and (out.is_dir() or not out.suffix)
     if out is not None:
-        _check_out(out, table)
+        _check_out(out, table, folder)
     offers = Offers.load(table, names, cluster)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", EstimationWarning)
@@ -72,13 +84,31 @@ def fit(
     else:
         _print(found, plain, told)
     if out is not None:
-        _check_out(out, table)
-        write_together({out: fit_text(_text(found, told)), out.with_suffix(".json"): to_json(document) + "\n"})
+        _check_out(out, table, folder)
+        text, js, learned = _files(out, folder)
+        files: dict[str | os.PathLike[str], str] = {text: fit_text(_text(found, told)), js: to_json(document) + "\n"}
+        if folder:
+            files[learned] = document_text(found.to_document())
+        write_together(files)
+        if folder and not as_json:
+            say(f"preferences: {learned}")
 
 
-def _check_out(out: Path, table: Path) -> None:
-    FIT_TEXT.check(out, reads=[table])
-    FIT_JSON.check(out.with_suffix(".json"), f"--out {out}: the JSON beside it,", [table])
+def _files(out: Path, folder: bool) -> tuple[Path, Path, Path]:
+    text = out / "summary.txt" if folder else out
+    return text, text.with_suffix(".json"), out / "preferences.json"
+
+
+def _check_out(out: Path, table: Path, folder: bool) -> None:
+    text, js, learned = _files(out, folder)
+    if folder and not out.exists():
+        if not (out.parent.is_dir() and writable_parent(out)):
+            raise InputError(f"--out {out} cannot be made: its folder does not exist, or may not be written to")
+        out.mkdir()
+    FIT_TEXT.check(text, reads=[table])
+    FIT_JSON.check(js, f"--out {out}: the JSON {'in' if folder else 'beside'} it,", [table])
+    if folder:
+        PREFERENCES.check(learned, f"--out {out}: preferences.json in it,", [table])
 
 
 def _print(found: Preferences, plain: dict[str, Any], told: list[str]) -> None:

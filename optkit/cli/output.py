@@ -59,6 +59,14 @@ FIGURE = OwnFile("figure of optkit", _is_figure, (".png", ".pdf"))
 OFFERS = OwnFile("offers of optkit collect", lambda data: _has_mark(data, b"optkit-offers"), (".parquet",))
 POLICY = OwnFile("trained policy", _is_policy, (".json",))
 
+
+def _is_preferences(data: bytes) -> bool:
+    found = parse_object(data)
+    return found is not None and found.get("format") == "optkit preferences" and is_sealed(found)
+
+
+PREFERENCES = OwnFile("preferences of optkit", _is_preferences, (".json",))
+
 FIT = "optkit fit"
 
 

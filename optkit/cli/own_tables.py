@@ -16,6 +16,8 @@ from optkit.instances.frames import PREFIX, REQUESTS, WORKERS
 if TYPE_CHECKING:
     import pandas as pd
 
+    from optkit.learning.trained import Trained
+
 TIMES = ("arrival", "expiry", "joined", "step")
 """Columns of steps, or of dates and times."""
 
@@ -89,6 +91,27 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return "_" not in text
+
+
+def read_open_requests(path: Path, trained: Trained) -> tuple[pd.DataFrame, list[str]]:
+    """Read a table of open requests, with the features that a policy was trained on; name columns of no meaning.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, or a cell is not what its column holds.
+    """
+    believed = trained.preferences
+    learned = believed.attributes.names if believed is not None else ()
+    features = list(trained.source.get("feature_names") or learned)
+    with open_table(path, remedy="give a CSV, JSON or parquet file of requests") as opened:
+        names = opened.names
+    features = features or [name for name in names if name.startswith("feature_")]
+    renamed = {"request": "request_id"} if "request" in names and "request_id" not in names else {}
+    table = read_table(path, "requests", renamed, features, None)
+    known = (*REQUESTS, *features, "utility")
+    ignored = [name for name in table.columns if name not in known and not name.startswith(PREFIX)]
+    return table.drop(columns=ignored), ignored
 
 
 def parsed_map(texts: Sequence[str]) -> dict[str, dict[str, str]]:

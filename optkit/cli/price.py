@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from optkit.basics.errors import InputError
 from optkit.basics.printable import listed
 from optkit.cli.console import print_table, say, say_json
 from optkit.cli.options import Json
+
+if TYPE_CHECKING:
+    from optkit.cli.request_table import RequestTable
 
 SHOWN = 200
 """Rows of the table on the terminal."""
@@ -21,7 +25,9 @@ FORMS = {"exact": True, "free": False, "clip": "clip"}
 
 def price(
     table: Annotated[Path, typer.Argument(help="CSV, JSON or parquet with a row per request, columns as below.")],
-    mu: Annotated[float, typer.Option(help="Scale of the worker's noise, in money.")] = 1.0,
+    mu: Annotated[
+        float | None, typer.Option(help="Scale of the worker's noise, in money; 1, or what the policy learned.")
+    ] = None,
     outside_utility: Annotated[float, typer.Option(help="Utility of rejecting everything, in money.")] = 0.0,
     form: Annotated[
         str, typer.Option(help="exact: c >= 0; free: prices of either sign (the paper's Lemma 3); clip: the paper's.")
@@ -29,6 +35,15 @@ def price(
     solver: Annotated[
         str | None, typer.Option(help="Also solve as a concave program with this CVXPY solver, e.g. CLARABEL.")
     ] = None,
+    policy: Annotated[
+        Path | None,
+        typer.Option(help="File of optkit train: what waiting is worth, and what workers like, as the policy learned."),
+    ] = None,
+    step: Annotated[int | None, typer.Option(help="With --policy: the step at which the requests are open.")] = None,
+    time: Annotated[
+        str | None, typer.Option(help="With --policy: the time, such as 11:08, if days have a clock.")
+    ] = None,
+    group: Annotated[str | None, typer.Option(help="With --policy: the worker's group.")] = None,
     as_json: Json = False,
 ) -> None:
     """Price one decision and prove the prices optimal.
@@ -38,13 +53,23 @@ def price(
     value = reward - penalty * expires - opportunity_cost. A column **offered** (0 or 1) says which are on
     offer. A column **compensation** is taken as a proposal of yours and certified too. A column
     **request** names the rows, in text as it stands in the file.
+
+    With --policy the columns are **reward**, **expiry** (the last step, or a time), **penalty** if there is one, what
+    the policy was trained on, and **utility** if it learned no preferences; **request_id** names the rows.
     """
     from optkit.cli.request_table import read_requests
     from optkit.models.pricing import certify, optimal_prices
 
     if form not in FORMS:
         raise InputError(f"--form {form} is unknown; there are {', '.join(FORMS)}")
-    given = read_requests(table)
+    if policy is None:
+        for name, x in (("step", step), ("time", time), ("group", group)):
+            if x is not None:
+                raise InputError(f"--{name} {x} goes with --policy")
+        given, source = read_requests(table), "as given" if mu is not None else "by default"
+        mu = 1.0 if mu is None else mu
+    else:
+        given, mu, outside_utility, source = _by_policy(table, policy, step, time, group, mu)
     value, utility = given.value, given.utility
     if given.ignored:
         say(f"optkit: ignored columns of {table}: {listed(given.ignored)}", err=True)
@@ -61,6 +86,8 @@ def price(
             {"request": name, "compensation": c, "acceptance": p}
             for name, c, p in zip(given.names, found.compensation.tolist(), found.acceptance.tolist(), strict=True)
         ],
+        "mu": mu,
+        "mu_is": source,
         "rejection": float(found.rejection),
         "markup": float(found.markup),
         "profit": float(found.profit),
@@ -93,12 +120,35 @@ def price(
     print_table(f"{form} prices: {table}", ["request", "value", "utility", "compensation", "acceptance"], rows)
     profit, markup = money(float(found.profit), 6), money(float(found.markup), 6)
     say(f"expected profit {profit}   markup {markup}   rejection {found.rejection:.6f}")
+    say(f"priced as one decision of {len(value):,} request{'s' * (len(value) != 1)}; mu {money(mu)} {source}")
     for name, proof in proofs.items():
         say("", f"certificate of {'these ' if name == 'prices' else ''}{name}", *proof.summary().split("\n"))
     if solver is not None:
         profit, bound = money(solved.profit, 6), money(solved.bound, 6)
         say("", f"{solver}: {solved.status}, profit {profit}, bound {bound}")
     raise typer.Exit(failed)
+
+
+def _by_policy(
+    table: Path, policy: Path, step: int | None, time: str | None, group: str | None, mu: float | None
+) -> tuple[RequestTable, float, float, str]:
+    """Return the requests as a policy sees them, its mu and outside utility, and where mu comes from."""
+    from optkit.cli.own_tables import read_open_requests
+    from optkit.cli.request_table import RequestTable
+    from optkit.learning.open_requests import seen_by
+    from optkit.learning.trained import Trained
+
+    trained = Trained.load(policy)
+    frame, ignored = read_open_requests(table, trained)
+    try:
+        seen = seen_by(trained, frame, step=step, time=time, group=group, mu=mu)
+    except InputError as error:
+        raise InputError(f"{table}, priced by {policy}: {error}") from None
+    offered, source = np.ones(len(seen.names), bool), "as the policy learned" if trained.preferences else "as given"
+    if trained.preferences is None and mu is None:
+        source = "by default"
+    read = RequestTable(seen.names, seen.value, seen.utility, offered, None, ignored)
+    return read, seen.mu, seen.outside_utility, source
 
 
 def _plain(proof: Any) -> dict[str, Any]:

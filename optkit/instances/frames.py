@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, Ints, flag, floats, ints, real
+from optkit.basics.arrays import Bools, Floats, Ints, flag, floats, ints, real, whole_number
 from optkit.basics.errors import InstanceError
 from optkit.basics.printable import listed
 from optkit.instances.clock import (
@@ -39,6 +39,9 @@ WORKERS = ("worker_id", "joined", "step", "group")
 """Columns of a table of workers."""
 
 PREFIX = "utility_"
+
+MOST_STEPS = 10_000_000
+"""Steps of a day that can be gone through one by one."""
 
 LONGEST_DAY = 36 * 3600
 """Seconds that two tables may span if nobody said how many steps there are: a night shift, not a month."""
@@ -274,6 +277,8 @@ def fields_of(
 ) -> dict[str, Any]:
     """Return the fields of an Instance; see :meth:`optkit.Instance.from_frames` for arguments and errors."""
     steps = _steps(tables, start, step)
+    if horizon is not None and whole_number("horizon", horizon, least=1, error=InstanceError) > MOST_STEPS:
+        raise InstanceError(f"horizon = {horizon:,} steps: a day has at most {MOST_STEPS:,}; take longer steps")
     if horizon is None:
         latest = [x.max(initial=0) for x in (steps.expiry, steps.worker, *([] if steps.seen is None else [steps.seen]))]
         horizon = int(max(latest)) + 1

@@ -465,6 +465,12 @@ class Instance(ReadOnlyArrays):
             f"groups={self.n_groups}, noise={kind})"
         )
 
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        tables = (one.to_html(max_rows=8, index=False) for one in self.to_frames())
+        return f"<p>{escape(repr(self))}</p>" + "".join(tables)
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Instance):
             return NotImplemented

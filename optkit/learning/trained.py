@@ -13,6 +13,7 @@ from optkit.basics.errors import DataError, InputError
 from optkit.basics.version import __version__
 from optkit.learning.beliefs import BelievedValue
 from optkit.models.preferences.preferences import Preferences
+from optkit.models.pricing import optimal_prices
 from optkit.models.value.catalogue import value_of
 from optkit.models.value.request_sets import SetValue
 from optkit.policies import PostDecisionPricing, TrueChoice
@@ -57,6 +58,67 @@ class Trained:
     settings: dict[str, Any]
     failures: list[str] = field(default_factory=list)
     source: dict[str, Any] = field(default_factory=dict)
+
+    def price(
+        self,
+        requests: Any,
+        *,
+        step: int | None = None,
+        time: Any = None,
+        group: str | int | None = None,
+        mu: float | None = None,
+        busy: int = 1,
+    ) -> pd.DataFrame:
+        """Price the requests that are open now.
+
+        Parameters
+        ----------
+        requests : DataFrame, or table of polars or pyarrow
+            ``reward``, ``expiry`` (the last step, or a time), the features that the policy was trained on, and, where
+            they apply, ``penalty``, ``pickup``, ``dropoff``, ``request_id``; ``utility`` if it learned no preferences.
+        step : int, optional
+            The step at which the worker is there.
+        time : str or Timestamp, optional
+            Or the time, where the days that it was trained on have a clock.
+        group : str or int, optional
+            The worker's group; needed if there are several.
+        mu : float, optional
+            The worker's noise scale, in money, if the policy learned no preferences; 1 by default.
+        busy : int
+            For how many steps up to this one there has been a worker each: after many, more are likely to wait.
+
+        Returns
+        -------
+        DataFrame
+            ``request``, ``compensation``, ``acceptance`` (as the policy believes), ``value``, ``opportunity_cost`` and
+            ``utility``, a row per request.
+
+        Raises
+        ------
+        InputError
+            If a column is missing, a request has expired, or the step is none that the policy knows.
+
+        Examples
+        --------
+        >>> from optkit import scenario
+        >>> from optkit.learning.training import train
+        >>> trained = train(scenario("I.2", seed=0, horizon=8).sample(40, seed=1), choice="true")
+        >>> open_ = {"request_id": ["a", "b"], "reward": [30.0, 20.0], "expiry": [3, 7], "utility": -9.0}
+        >>> open_ |= {f"feature_{f}": [0.5, 0.5] for f in range(5)}
+        >>> trained.price(open_, step=3)["opportunity_cost"].round(2).tolist()[0]
+        0.0
+        """
+        import pandas as pd
+
+        from optkit.learning.open_requests import seen_by
+
+        seen = seen_by(self, requests, step=step, time=time, group=group, mu=mu, busy=busy)
+        found = optimal_prices(
+            seen.value, seen.utility, seen.mu, outside_utility=seen.outside_utility, nonnegative=self.policy.nonnegative
+        )
+        columns = {"request": seen.names, "compensation": found.compensation, "acceptance": found.acceptance}
+        more = {"value": seen.value, "opportunity_cost": seen.opportunity_cost, "utility": seen.utility}
+        return pd.DataFrame(columns | more)
 
     def table(self) -> pd.DataFrame:
         """The record as a DataFrame."""

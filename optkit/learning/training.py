@@ -238,7 +238,12 @@ class _Course:
     def source(self) -> dict[str, Any]:
         """What is trained on, as plain data."""
         choice = self.choice if isinstance(self.choice, str) else "given"
-        return {"choice": choice, "instances": len(self.batch), "horizon": self.batch.horizon}
+        told: dict[str, Any] = {"choice": choice, "instances": len(self.batch), "horizon": self.batch.horizon}
+        # What tables of requests call things by.
+        named = [name for name in ("group_names", "feature_names") if getattr(self.batch.instances[0], name)]
+        told |= {name: list(getattr(self.batch.instances[0], name)) for name in named}
+        clock = self.batch.instances[0].clock
+        return told | ({} if clock is None else {"clock": asdict(clock)})
 
     @cached_property
     def _learned(self) -> Learned:

@@ -12,6 +12,7 @@ from optkit.basics.memory import memory_limit
 from optkit.cli.app import app
 from optkit.instances.catalogue import scenario
 from optkit.instances.world import COPIES, check_sample
+from tests.cli.test_instances import MAP, tables
 from tests.command_line import optkit
 
 SEEDS = {"seed", "sample_seed", "training_seed", "offer_seed"}
@@ -21,6 +22,8 @@ ASKED = {
     ("run", "verify"): ["run", "days", "--verify"],
     ("generate", "count"): ["generate", "I.1", "--out", "new", "--count"],
     ("generate", "worlds"): ["generate", "benchmark", "--out", "new", "--world"],
+    ("instances", "horizon"): ["instances", "orders.csv", "couriers.csv", *MAP, "--step=15s", "--horizon"],
+    ("price", "step"): ["price", "orders.csv", "--step"],
     ("bound", "jobs"): ["bound", "days/test", "--jobs"],
     ("certify", "instances"): ["certify", "I.1", "--set", "split=9,4,4", "--instances"],
     ("certify", "limit"): ["certify", "days", "--limit"],
@@ -46,6 +49,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("counts")
     few = ["--set", "split=9,4,4", "--set", "horizon=8"]
     optkit("generate", "I.1", *few, "--out", folder / "days", check=0)
+    tables(folder)
     return folder
 
 

@@ -12,6 +12,7 @@ from optkit.instances.storage import save_instances
 from optkit.learning.offer_log import collect
 from optkit.models.preferences.fit import fit_preferences
 from optkit.models.preferences.offers import Offers
+from optkit.models.preferences.preferences import Preferences
 from optkit.policies.explore import RandomOffers
 
 
@@ -162,7 +163,7 @@ BAD = {
     "method": (["fit", "good.csv", "--method", "probit"], "'probit' is unknown"),
     "ridge": (["fit", "good.csv", "--ridge", -1], "ridge = -1.0"),
     "feature": (["fit", "good.csv", "--features", "colour"], "no column 'colour'"),
-    "json as out": (["fit", "good.csv", "--out", "fit.json"], "give the text file's name"),
+    "json as out": (["fit", "good.csv", "--out", "fit.json"], "or the text file's name"),
     "no folder": (["fit", "good.csv", "--out", "no/fit.txt"], "cannot be written"),
     "scenario": (["collect", "IV", "--out", "o.parquet"], "'IV' is neither a scenario"),
     "range": (["collect", "I.1", "--out", "o.parquet", "--low", 0.9], "high = 0.85"),
@@ -219,3 +220,22 @@ def test_fit_clusters_by_a_column(optkit, log, tmp_path):
     code, _, err = optkit("fit", file, "--cluster", "boss")
     assert code == 2
     assert "has no column 'boss'" in err
+
+
+def test_out_writes_a_folder_with_preferences(optkit, file, tmp_path):
+    """--out FOLDER: the summary, and preferences that Python reads as they were estimated; nothing else is replaced."""
+    folder = tmp_path / "learned"
+    code, out, _ = optkit("fit", file, "--out", folder)
+    assert code == 0
+    assert f"preferences: {folder / 'preferences.json'}" in out
+    assert sorted(path.name for path in folder.iterdir()) == ["preferences.json", "summary.json", "summary.txt"]
+    expected = fit_preferences(Offers.load(file))
+    assert Preferences.load(folder / "preferences.json").to_dict() == expected.to_dict()
+    assert optkit("fit", file, "--out", folder)[0] == 0
+    (folder / "preferences.json").write_text("{}")
+    code, _, err = optkit("fit", file, "--out", folder)
+    assert code == 2
+    assert "preferences.json in it," in err
+    assert "exists and holds no preferences of optkit" in err
+    code, _, err = optkit("fit", file, "--out", tmp_path / "no" / "where")
+    assert (code, "its folder does not exist" in err) == (2, True)

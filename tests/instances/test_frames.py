@@ -316,3 +316,10 @@ def test_a_series_of_groups_goes_by_its_labels(name):
     for wrong in (right.set_axis([0, 1, 2]), right[["bike", "car"]], right[["bike", "car", "van", "van"]]):
         with pytest.raises(InstanceError, match=f"{name} is given"):
             made(asked, came, **{name: wrong})
+
+
+def test_a_notebook_shows_one_screen():
+    """Names are escaped, and a long day is cut."""
+    day = made(requests(request_id=["<b>", "b", "c"]))
+    assert "&lt;b&gt;" in day._repr_html_()
+    assert "<b>" not in day._repr_html_()

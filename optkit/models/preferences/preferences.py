@@ -153,7 +153,11 @@ class Preferences:
         OptkitError
             If the disk refuses.
         """
-        return write_document(path, {"format": FORMAT, "version": VERSION, **self.to_dict()}, "preferences")
+        return write_document(path, self.to_document(), "preferences")
+
+    def to_document(self) -> dict[str, Any]:
+        """Return what :meth:`save` writes, as plain data."""
+        return {"format": FORMAT, "version": VERSION, **self.to_dict()}
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Preferences:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,9 @@ from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions, Given, largest
 from optkit.models.pricing import closed_form
 from optkit.models.pricing.certificate import PriceCertificate, certify
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["PriceCertificate", "Pricing", "certify", "optimal_prices"]
 
@@ -45,6 +48,30 @@ class Pricing:
     rejection: Floats
     markup: Floats
     profit: Floats
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per request of each decision: ``decision`` (if there are several), ``compensation``, ``acceptance``.
+
+        Examples
+        --------
+        >>> optimal_prices([5.0, 6.0], [-1.0, -2.0]).to_frame().round(3)
+           compensation  acceptance
+        0           1.3       0.365
+        1           2.3       0.365
+        """
+        import pandas as pd
+
+        money, taken = np.asarray(self.compensation), np.asarray(self.acceptance)
+        columns: dict[str, Any] = {"compensation": money.ravel(), "acceptance": taken.ravel()}
+        if money.ndim > 1:
+            decision = np.arange(money[..., 0].size)
+            columns = {"decision": np.repeat(decision, money.shape[-1]), **columns}
+        return pd.DataFrame(columns)
+
+    def _repr_html_(self) -> str:
+        many = f"{np.size(self.rejection):,} decisions" if np.ndim(self.rejection) else "one decision"
+        title = f"Prices of {many}, expected profit {np.sum(self.profit):.6g} (money)"
+        return f"<p>{title}</p>{self.to_frame().to_html(max_rows=10)}"
 
 
 def optimal_prices(

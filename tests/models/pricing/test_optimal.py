@@ -392,3 +392,12 @@ def test_bad_input_is_named_in_one_line(change, words):
     with pytest.raises(InputError, match=words) as caught:
         optimal_prices(**arguments)
     assert "\n" not in str(caught.value)
+
+
+def test_prices_as_a_table():
+    """A row per request of each decision, and on one screen of a notebook, however many there are."""
+    one, many = optimal_prices([5.0, 6.0], [-1.0, -2.0]), optimal_prices(np.full((300, 3), 5.0), [-1.0] * 3)
+    assert one.to_frame()["compensation"].tolist() == one.compensation.tolist()
+    assert many.to_frame()["decision"].tolist() == np.repeat(np.arange(300), 3).tolist()
+    assert 11 <= many._repr_html_().count("<tr") <= 13
+    assert "300 decisions" in many._repr_html_()

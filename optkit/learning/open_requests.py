@@ -1,0 +1,181 @@
+"""The open requests of a moment in a table, as a policy sees them: what each is worth now, and to whom."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optkit.basics.arrays import Floats, floats, ints, whole_number
+from optkit.basics.errors import InputError, InstanceError
+from optkit.instances.clock import Clock, at_time_of_day, instants, is_time
+from optkit.instances.frames import PREFIX, frame
+from optkit.instances.instance import Instance
+from optkit.simulation.batch import Batch
+from optkit.simulation.state import State
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class OpenRequests:
+    """One decision of a policy: n requests and the worker who is there.
+
+    Attributes
+    ----------
+    names : list of str
+        What the requests are called.
+    value, utility, opportunity_cost : (n,) float
+        What serving each now is worth, what the policy believes that it is worth to the worker, and the value of
+        waiting that it gives up; money.
+    mu, outside_utility : float
+        The worker's noise scale and utility of rejecting, as the policy believes; money.
+    """
+
+    names: list[str]
+    value: Floats
+    utility: Floats
+    opportunity_cost: Floats
+    mu: float
+    outside_utility: float
+
+
+def seen_by(
+    trained: Any,
+    requests: Any,
+    *,
+    step: int | None = None,
+    time: Any = None,
+    group: str | int | None = None,
+    mu: float | None = None,
+    busy: int = 1,
+) -> OpenRequests:
+    """Return the decision that a trained policy sees; see :meth:`optkit.learning.trained.Trained.price`."""
+    table, told = frame("requests", requests), trained.source
+    clock = Clock(**told["clock"]) if "clock" in told else None
+    now = _now(step, time, clock)
+    horizon = int(told.get("horizon", 0)) or now + 1
+    if not 0 <= now < horizon:
+        raise InputError(f"step {now} is none of the {horizon} steps that the policy was trained on: 0..{horizon - 1}")
+    number, names = _group(trained, group)
+    groups = len(names)
+    seen = np.arange(now - whole_number("busy", busy, least=1, most=now + 1) + 1, now + 1)
+    n = len(table)
+    believed = trained.preferences
+    known = believed.attributes.names if believed is not None else None
+    features = list(told.get("feature_names") or known or [c for c in table.columns if c.startswith("feature_")])
+    _need(table, ["reward", "expiry", *features])
+    day = Instance(
+        horizon=horizon, arrival=np.full(n, now), expiry=np.minimum(_expiry(table, clock, now), horizon - 1),
+        reward=_numbers(table, "reward"), penalty=_numbers(table, "penalty", 0.0),
+        features=np.column_stack([_numbers(table, name) for name in features]) if features else np.zeros((n, 0)),
+        pickup=_places(table, "pickup"), dropoff=_places(table, "dropoff"),
+        worker_step=seen,
+        worker_group=np.full(seen.size, number),
+        utility=_utility(table, groups, names) if believed is None else np.zeros((groups, n)),
+        mu=np.full(groups, 1.0 if mu is None else mu), noise=np.zeros((seen.size, n)),
+        outside_noise=np.zeros(seen.size),
+    )  # fmt: skip
+    if believed is not None and mu is not None:
+        raise InputError("mu is the policy's own, which has learned it: leave it out")
+    one = np.zeros(1, np.int64)
+    state = State(Batch.of(day), now, one, one, one + seen.size - 1, np.arange(n)[None], np.ones((1, n), bool))
+    policy = trained.policy
+    value = policy.value(state)[0]
+    spared = np.where(state.expiring, state.penalty, 0.0)[0]
+    return OpenRequests(
+        names=[str(x) for x in _column(table, "request_id", "request", default=range(n))],
+        value=value,
+        utility=np.asarray(policy.choice.utility(state))[0],
+        opportunity_cost=state.reward[0] - spared - value,
+        mu=float(np.asarray(policy.choice.mu(state))[0]),
+        outside_utility=float(np.asarray(policy.choice.outside_utility(state))[0]),
+    )
+
+
+def _now(step: int | None, time: Any, clock: Clock | None) -> int:
+    if (step is None) == (time is None):
+        raise InputError("say at which step the requests are open, or at which time: one of them")
+    if step is not None:
+        return whole_number("step", step, least=0)
+    if clock is None:
+        raise InputError("the policy was trained on days that count steps: give a step in place of a time")
+    return clock.step_at(time)
+
+
+def _group(trained: Any, group: str | int | None) -> tuple[int, list[str]]:
+    """Return the number of a group, and what all are called: numbers, if nothing else."""
+    told, believed = trained.source, trained.preferences
+    names = list(told.get("group_names") or (believed.group_names if believed is not None else None) or [])
+    many = len(names) or int(told.get("groups", 0)) or (len(believed.scale) if believed is not None else 1)
+    names = names or [str(d) for d in range(many)]
+    if group is None:
+        if many > 1:
+            raise InputError(f"say of which group the worker is: {', '.join(names)}")
+        return 0, names
+    if str(group) in names:
+        return names.index(str(group)), names
+    number = isinstance(group, int) or str(group).isdecimal()
+    if not number or not 0 <= int(group) < many:
+        raise InputError(f"no group is called {group!r}; there are {', '.join(names)}")
+    return int(group), names
+
+
+def _expiry(table: pd.DataFrame, clock: Clock | None, now: int) -> Any:
+    column = table["expiry"]
+    if len(column) and is_time(column):
+        if clock is None:
+            raise InputError("expiry holds times, and the policy was trained on days that count steps")
+        import pandas as pd
+
+        start, found = pd.Timestamp(clock.start), instants("expiry", column)
+        if (found.zone is None) != (start.tzinfo is None):
+            raise InputError(f"expiry and the start of the day, {clock.start}: both have a time zone, or neither")
+        first = pd.Timestamp(int(found.nanoseconds.min()), tz=None if found.zone is None else "UTC")
+        # The time of day at which days begin, on the date of these requests and by their own clock.
+        today = first if found.zone is None else first.tz_convert(found.zone)
+        begin = at_time_of_day(today, start.time().replace(microsecond=0).isoformat()).value
+        expiry = np.asarray(-((begin - found.nanoseconds) // round(clock.step * 1e9)) - 1)
+    else:
+        expiry = ints("expiry", column if len(column) else [], (len(column),))
+    gone = np.asarray(expiry) < now
+    if gone.any():
+        i = int(gone.argmax())
+        raise InputError(f"expiry in row {i} is step {expiry[i]}, before step {now}: leave out what has expired")
+    return expiry
+
+
+def _utility(table: pd.DataFrame, groups: int, names: list[str]) -> Floats:
+    """Return true utilities, (D, n): of each group by its column, or of all alike."""
+    columns = [f"{PREFIX}{name}" for name in names]
+    if all(column in table for column in columns):
+        return np.array([_numbers(table, column) for column in columns])
+    if "utility" in table:
+        return np.tile(_numbers(table, "utility"), (groups, 1))
+    wanted = f", or {', '.join(columns)}" if groups > 1 else ""
+    raise InputError(
+        f"the policy learned no preferences: the requests need a column 'utility', what each is worth to him{wanted}"
+    )
+
+
+def _need(table: pd.DataFrame, columns: list[str]) -> None:
+    missing = [c for c in columns if c not in table]
+    if missing:
+        have = ", ".join(table.columns)
+        raise InputError(f"the requests have no column {', '.join(map(repr, missing))}; they have {have}")
+
+
+def _numbers(table: pd.DataFrame, name: str, default: float | None = None) -> Floats:
+    if name not in table and default is not None:
+        return np.full(len(table), default)
+    return floats(name, table[name] if len(table) else [], (len(table),), flags=True, error=InstanceError)
+
+
+def _places(table: pd.DataFrame, name: str) -> Any:
+    return ints(name, table[name], (len(table),)) if name in table else np.zeros(len(table), np.int64)
+
+
+def _column(table: pd.DataFrame, *names: str, default: Any) -> list[Any]:
+    return list(next((table[name] for name in names if name in table), default))
