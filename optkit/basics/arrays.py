@@ -376,6 +376,13 @@ def open_table(path: str | os.PathLike[str], remedy: str) -> Table:
     return open_table(path, remedy=remedy)
 
 
+def check_memory(what: str, needed: float, remedy: str) -> None:
+    """Refuse what would not fit in memory, see :func:`optkit.basics.memory.check_memory`; errors as there."""
+    from optkit.basics.memory import check_memory as check
+
+    check(what, needed, remedy)
+
+
 def write_document(path: str | os.PathLike[str], plain: dict[str, Any], what: str) -> Path:
     """Write plain data with their digest, see :func:`optkit.basics.documents.write_document`; errors as there."""
     from optkit.basics.documents import write_document

@@ -14,6 +14,7 @@ import numpy as np
 from optkit.basics.arrays import flag, number, whole_number
 from optkit.basics.errors import InputError, SolverError
 from optkit.basics.keeper import Form, KeptRows
+from optkit.basics.memory import check_memory
 from optkit.basics.parallel import check_jobs, in_parallel
 from optkit.basics.plain_json import to_json
 from optkit.basics.seeds import Stream, check_seed
@@ -32,6 +33,7 @@ from optkit.instances.digest import exact_digest
 from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario
 from optkit.instances.splits import held_out
+from optkit.instances.world import OVERHEAD
 from optkit.learning.beliefs import BelievedValue
 from optkit.learning.worker_rates import WorkerRates
 from optkit.models.value.request_sets import SetValue
@@ -224,7 +226,7 @@ def gap_report(
         Requests that the penalised bound tells apart, and up to which a policy is evaluated by enumeration. Time and
         memory double with each.
     redraws : int
-        Draws of the noise where a policy must be simulated.
+        Draws of the noise where a policy must be simulated; those of one instance are in memory together.
     confidence : float
         Of intervals and claims.
     assumptions : sequence of str
@@ -380,6 +382,13 @@ def _checked(
     check_limit(limit)
     check_seed(seed)
     whole_number("redraws", redraws, least=1)
+    meet = [
+        np.searchsorted(one.worker_step, one.expiry, "right") - np.searchsorted(one.worker_step, one.arrival)
+        for one in instances
+    ]
+    most = max(int(pairs.sum()) for pairs in meet)
+    # All draws of one instance are simulated at once.
+    check_memory(f"{redraws:,} draws of the noise", redraws * (OVERHEAD + 8.0 * most), "take fewer redraws")
     able = value is not None and foresight is not None
     if kinds is None:
         if (value is None) != (foresight is None):

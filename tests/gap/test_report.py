@@ -50,6 +50,12 @@ def plain(days):
     return gap_report(days, NAMED, kinds=["arrival"])
 
 
+def test_draws_that_would_not_fit_are_refused_before_the_first(days):
+    """One line, at once; what every day needs is counted, and that of the largest matters."""
+    with pytest.raises(InputError, match=r"1,000,000,000,000 draws of the noise .* more than there is: take fewer"):
+        gap_report(days, NAMED, kinds=["full"], redraws=10**12)
+
+
 @pytest.mark.slow
 def test_bounds_and_policies_are_in_order(report):
     """Looser bounds lie above tighter ones, and all above all policies."""

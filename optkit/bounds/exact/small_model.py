@@ -9,10 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, Ints, floats, read_only, real, whole_number
+from optkit.basics.arrays import Floats, Ints, check_memory, floats, read_only, real, whole_number
 from optkit.basics.errors import InputError
 from optkit.basics.seeds import check_count, seed_sequence
-from optkit.instances.instance import Instance, fifo_queue
+from optkit.instances.instance import DENSE_NOISE_LIMIT, Instance, fifo_queue
+
+OVERHEAD = 3_000
+"""Bytes of an instance in which nothing happens."""
 
 _ROUNDING = 1e-9
 """How far probabilities may be from adding up to 1: they may have been rounded when they were written down."""
@@ -241,9 +244,18 @@ class SmallModel:
         Raises
         ------
         InputError
-            If ``count`` or ``seed`` is negative or no whole number.
+            If ``count`` or ``seed`` is negative or no whole number, or so many would not fit in memory.
         """
         check_count(count)
+        T, K = float(self.horizon), self.reward.size
+        requests = T * sum(float(stream.probability @ stream.count.sum(axis=1)) for stream in self.streams)
+        workers = T * (1.0 - float(self.workers[0]))
+        pairs = workers * requests
+        if pairs > DENSE_NOISE_LIMIT:  # only pairs that can meet
+            pairs *= min(1.0, (float(self.lifetime.min()) + 1.0) / T)
+        numbers = requests * (10.0 + self.features.shape[1] + self.mu.size) + 4.0 * workers + pairs  # type: ignore[union-attr]
+        needed = count * (8.0 * numbers + OVERHEAD) + (8.0 * T * (2 * K + 4) if count else 0.0)
+        check_memory(f"{count:,} instances of this model", needed, "take fewer, or a shorter horizon")
         return [self.draw(child).instance for child in seed_sequence(seed).spawn(count)]
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, floats, whole_number
+from optkit.basics.arrays import Floats, check_memory, floats, whole_number
 from optkit.basics.errors import InputError
 
 CERTAIN = 40.0
@@ -27,6 +27,9 @@ LONGEST = 250
 
 LARGEST = 2_000
 """Steps of a day whose rates change: the table has a row and a column for each, and takes a minute at so many."""
+
+MOST = 100_000
+"""Busy steps that a table may tell apart: their number squared is its work, minutes at so many."""
 
 NOTHING = 1e-40
 """Probability below which a number of workers is left out of a table: far beneath any stretch that ever happens."""
@@ -53,8 +56,8 @@ def fifo_presence(rate: npt.ArrayLike, longest: int | None = None) -> Floats:
     Raises
     ------
     InputError
-        If a rate is negative or not finite, there is none, ``longest`` is no whole number of at least 0, or rates
-        change over more than 2,000 steps.
+        If a rate is negative or not finite, there is none, ``longest`` is no whole number from 0 to 100,000, or
+        rates change over more than 2,000 steps.
 
     Examples
     --------
@@ -66,15 +69,18 @@ def fifo_presence(rate: npt.ArrayLike, longest: int | None = None) -> Floats:
            [0.593, 0.613, 0.624]])
     """
     rates = checked_rates(rate)
+    if rates.size > LARGEST:
+        raise InputError(f"rates change over {rates.size} steps, more than {LARGEST}: take longer steps, or one rate")
     if longest is None:
         longest = max(LONGEST, rates.size) if rates.ndim == 0 else rates.size - 1
-    longest = whole_number("longest", longest, least=0)
+    longest = whole_number("longest", longest, least=0, most=MOST)
+    rows = rates.size if rates.ndim else 1
+    # Under rates that change the longest row ends with the day: the others are filled up with it.
+    check_memory("the table of a queue", 32.0 * rows * (longest + 1), "give a smaller longest")
     if rates.ndim == 0:
         if rates > CERTAIN:
             return np.ones(longest + 1)
         return np.asarray(_after_busy_steps(np.full((1, longest + 1), float(rates)))[0])
-    if rates.size > LARGEST:
-        raise InputError(f"rates change over {rates.size} steps, more than {LARGEST}: take longer steps, or one rate")
     T, most = rates.size, min(longest, rates.size - 1)
     if (rates == rates[0]).all():
         return np.array(np.broadcast_to(fifo_presence(rates[0], longest), (T, longest + 1)))

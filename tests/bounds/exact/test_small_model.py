@@ -1,5 +1,6 @@
 """The small explicit model: what it accepts, what it samples, and which states it can reach."""
 
+import tracemalloc
 from collections import deque
 from itertools import product
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from optkit.basics.errors import InputError
+from optkit.bounds.exact import small_model
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.exact.states import find, state_space
 from optkit.instances.instance import fifo_queue
@@ -163,11 +165,34 @@ def test_bad_input_is_refused_in_one_line(changes, message):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"), [((-1, 0), "count = -1"), ((1, -3), "seed = -3"), ((1, 0.5), "seed")]
+    ("arguments", "message"),
+    [
+        ((-1, 0), "count = -1"),
+        ((1, -3), "seed = -3"),
+        ((1, 0.5), "seed"),
+        ((10**12, 1), "1,000,000,000,000 instances of this model would take about .* GiB of memory"),
+    ],
 )
 def test_a_sample_needs_a_count_and_a_seed(arguments, message):
     with pytest.raises(InputError, match=message):
         two_types().sample(*arguments)
+
+
+def test_a_sample_takes_about_the_memory_that_is_estimated(monkeypatch):
+    """What is refused would not have fitted, and what fits is not refused: within a factor of three."""
+    asked = []
+    monkeypatch.setattr(small_model, "check_memory", lambda what, needed, remedy: asked.append(needed))
+    for changes in ({}, {"horizon": 200, "lifetime": [2, 40]}):
+        model, count = two_types(**changes), 40
+        model.sample(2, seed=0)
+        tracemalloc.start()
+        kept = model.sample(count, seed=0)
+        taken, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert len(kept) == count
+        assert taken / 3 < asked[-1] < 3 * taken
+    model.sample(0, seed=0)
+    assert asked[-1] == 0.0
 
 
 def test_a_sample_is_the_same_for_the_same_seed_and_grows_at_its_end():

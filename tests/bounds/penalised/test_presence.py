@@ -172,7 +172,9 @@ def test_a_short_table_is_the_beginning_of_a_long_one(rate):
     assert fifo_presence(rate, 4) == pytest.approx(fifo_presence(rate, 80)[:5], abs=1e-12)
 
 
-@pytest.mark.parametrize(("rate", "longest"), [(-0.1, 5), (np.inf, 5), (np.nan, 5), (0.5, -1), (0.5, 2.5)])
+@pytest.mark.parametrize(
+    ("rate", "longest"), [(-0.1, 5), (np.inf, 5), (np.nan, 5), (0.5, -1), (0.5, 2.5), (0.5, 10**9), ([0.5, 0.6], 10**9)]
+)
 def test_a_rate_or_length_out_of_range_is_refused(rate, longest):
     with pytest.raises(InputError, match=r"^(rate|longest)( is| =|\[)"):
         fifo_presence(rate, longest)
