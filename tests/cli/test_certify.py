@@ -16,6 +16,7 @@ from optkit.instances.catalogue import scenario
 from optkit.instances.storage import save_instances
 from optkit.learning.training import train
 from tests.command_line import strict
+from tests.gap import processes
 
 SETTINGS = {"split": (30, 4, 8), "horizon": 12}
 SMALL = ["--set", "split=30,4,8", "--set", "horizon=12"]
@@ -172,6 +173,17 @@ def test_a_worker_rate_that_the_days_contradict_is_refused(certify, own):
     assert status == 1
     assert [row["kind"] for row in strict(out)["bounds"]] == ["full", "lagrangian", "arrival"]
     assert "workers do not come" in strict(out)["refused"][0]
+
+
+@pytest.mark.slow
+def test_a_rush_hour_is_refused_though_the_total_is_right(certify, tmp_path):
+    """Half a worker a step, as is said, but few in the morning and many in the evening: nothing rests on that."""
+    save_instances(tmp_path / "late", processes.days(processes.rush, 40, seed=1))
+    status, out, _ = certify(tmp_path / "late", "--policy", "myopic", "--worker-rate", 0.5, "--json")
+    told = strict(out)
+    assert status == 1
+    assert "penalised" not in [row["kind"] for row in told["bounds"]]
+    assert "workers do not come" in told["refused"][0]
 
 
 @pytest.mark.slow

@@ -243,6 +243,15 @@ def test_price_prints_prices_and_certificates(requests_csv):
     assert result["certificates"]["your prices"]["bound"] == pytest.approx(result["profit"], rel=1e-9)
 
 
+def test_price_by_a_solver_refuses_more_requests_than_fit(tmp_path):
+    """Twenty thousand are priced by the form, and in one line not by a program of twelve gigabytes."""
+    path = tmp_path / "many.csv"
+    path.write_text("value,utility\n" + "".join(f"{30 + i % 7},{-10 - i % 5}\n" for i in range(20_000)))
+    done = optkit("price", path, "--solver", "CLARABEL", check=2)
+    assert done.stderr.startswith("optkit: a program over 20,000 requests takes about 12.8 GB; at most 5,000")
+    assert (done.stdout, done.stderr.count("\n")) == ("", 1)
+
+
 def test_price_reads_json_like_csv(requests_csv, tmp_path):
     """A JSON list, and a JSON object with a list under requests, mean the same as the CSV."""
     rows = pd.read_csv(requests_csv).to_dict(orient="records")

@@ -11,6 +11,7 @@ import unicodedata
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import optkit.cli
@@ -179,6 +180,27 @@ def test_any_encoding_will_do(call, encoding, tmp_path, monkeypatch):
         code, out, err = call(*arguments, encoding=encoding)
         assert code == (0 if "--help" in arguments else 2)
         assert "Usage" in out + err
+
+
+def test_a_fit_is_written_in_any_encoding(call, tmp_path):
+    """Names that the output's encoding lacks cost no file: the summary and the JSON are those of any terminal."""
+    rng, log = np.random.default_rng(0), tmp_path / "log.csv"
+    pay, km = rng.uniform(2, 12, (200, 2)), rng.uniform(1, 8, (200, 2))
+    worth = np.column_stack([np.zeros(200), pay - 1.2 * km - 1]) + rng.gumbel(size=(200, 3))
+    chosen = (worth.argmax(axis=1)[:, None] == [1, 2]).astype(int)
+    columns = zip(np.repeat(np.arange(200), 2), km.ravel(), pay.ravel(), chosen.ravel(), strict=True)
+    rows = [",".join(map(str, row)) for row in columns]
+    log.write_text("\n".join(["situation,größe_中,compensation,chosen", *rows]), encoding="utf-8")
+    found = {}
+    for encoding in ("utf-8", "ascii", "cp1252"):
+        out = tmp_path / encoding / "fit.txt"
+        out.parent.mkdir()
+        code, told, _ = call("fit", log, "--out", out, encoding=encoding)
+        assert code == 0
+        assert encodable("größe_中", encoding) in told
+        found[encoding] = (out.read_text(encoding="utf-8"), out.with_suffix(".json").read_text(encoding="utf-8"))
+    assert "größe_中" in found["utf-8"][0]
+    assert found["ascii"] == found["cp1252"] == found["utf-8"]
 
 
 def test_warnings_are_printed_so_that_they_can_be_seen(call, monkeypatch, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import acceptance_probabilities
 from optkit.models.pricing import certify, optimal_prices
-from optkit.models.pricing_program import PricingProgram
+from optkit.models.pricing_program import LARGEST, PricingProgram, _Program
 
 cp = pytest.importorskip("cvxpy")
 
@@ -213,6 +213,15 @@ def test_a_program_too_large_for_memory_is_refused_before_it_is_built():
     with pytest.raises(InputError, match=r"10,000,000 requests takes about 3,200,000.0 GB; at most") as caught:
         PricingProgram(10_000_000)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("n", [LARGEST + 1, 20_000])
+def test_a_program_of_many_requests_is_refused_before_there_is_one(monkeypatch, n):
+    """CVXPY is not asked for what it would take gigabytes for; one that large is not built to find out."""
+    monkeypatch.setattr(_Program, "build", lambda *_: pytest.fail("a program was built"))
+    with pytest.raises(InputError, match=rf"a program over {n:,} requests takes about .* GB; at most 5,000 are taken"):
+        PricingProgram(n)
+    PricingProgram(LARGEST)
 
 
 @pytest.mark.parametrize("n", [0, -1, 2.5])

@@ -1,6 +1,7 @@
 """The choice among the arrival-information bounds, and the hybrid of tables and multipliers."""
 
 import sys
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -8,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optkit import scenario
+from optkit import Instance, scenario
 from optkit.basics.errors import InputError, SolverError
 from optkit.bounds.arrival.arrival_information import arrival_hybrid, arrival_information, choose_tracked
 from optkit.bounds.arrival.dual import arrival_dual
 from optkit.bounds.arrival.exact import arrival_exact
 from optkit.bounds.arrival.lattice import lattice_bits
+from optkit.bounds.arrival.subsets import SubsetProgram
 from optkit.bounds.bound import prove
 from optkit.bounds.full.full_information import full_information
 
@@ -161,3 +163,40 @@ def test_an_unknown_method_is_refused(busy):
 def test_multipliers_that_prove_nothing_are_refused(random_instance, multipliers):
     with pytest.raises(InputError, match="multipliers"):
         arrival_hybrid(random_instance(np.random.default_rng(3)), multipliers=multipliers)
+
+
+def test_a_check_is_no_dearer_than_the_solution(monkeypatch):
+    """Each stage is proven in one go over its subsets, as it was solved; none is laid out request by request."""
+    n, T = 60, 30
+    day = Instance(
+        horizon=T, arrival=np.zeros(n, int), expiry=np.full(n, T - 1), reward=np.linspace(20, 60, n),
+        penalty=-np.ones(n), features=np.zeros((n, 0)), pickup=np.zeros(n, int), dropoff=np.zeros(n, int),
+        worker_step=np.arange(T), worker_group=np.zeros(T, int), utility=-np.linspace(5, 30, n)[None], mu=[1.0],
+    )  # fmt: skip
+    done = Counter()
+
+    def counting(name):
+        own = getattr(SubsetProgram, name)
+
+        def counted(self, stage, *more):
+            done[name] += stage.states
+            return own(self, stage, *more)
+
+        monkeypatch.setattr(SubsetProgram, name, counted)
+
+    counting("_before")
+    counting("_prove")
+
+    def laid_out(self, stage, later, rows, own=SubsetProgram.offers):
+        done["offers"] += len(rows)
+        return own(self, stage, later, rows)
+
+    monkeypatch.setattr(SubsetProgram, "offers", laid_out)
+    bound = arrival_information(day)
+    solved = done["_before"]
+    assert solved > 1_000
+    done.clear()
+    prove(bound, day)
+    assert 0 < done["_prove"] <= solved
+    assert done["_before"] == 0
+    assert done["offers"] <= solved / n

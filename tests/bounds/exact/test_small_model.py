@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optkit.basics.errors import InputError
-from optkit.bounds.exact import small_model
+from optkit.bounds.exact import small_model, states
 from optkit.bounds.exact.small_model import SmallModel
 from optkit.bounds.exact.states import find, state_space
 from optkit.instances.instance import fifo_queue
@@ -118,6 +118,22 @@ def test_a_huge_model_is_refused_before_it_fills_the_memory():
     )  # fmt: skip
     with pytest.raises(InputError, match="240 kinds"):
         state_space(model)
+
+
+@pytest.mark.parametrize("lifetime", [300, 3_000, 30_000])
+def test_long_lifetimes_make_wide_states_that_are_refused_by_their_bytes(monkeypatch, lifetime):
+    """Few states, but each a number for every step that a request may wait: that is counted, before it is there."""
+    monkeypatch.setattr(states, "BYTES", 1_000_000)
+    model = SmallModel(
+        horizon=lifetime, reward=[30.0], penalty=[-5.0], lifetime=[lifetime], utility=[[-10.0]], mu=[1.0],
+        arrivals=[0.5], workers=[0.5, 0.5],
+    )  # fmt: skip
+    tracemalloc.start()
+    with pytest.raises(InputError, match="with a number for each kind, take more than"):
+        state_space(model, limit=100_000)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 20 * states.BYTES
 
 
 @pytest.mark.parametrize(

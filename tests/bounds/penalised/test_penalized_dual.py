@@ -174,3 +174,53 @@ def test_charges_of_other_groups_are_refused(random_instance):
     other = LinearCharges(np.zeros((1, 2, 2)), [0.0, 9.0], [1.0, 9.0], Foresight([0.5], [1.0]))
     with pytest.raises(InputError, match="share"):
         penalized_dual(day, other)
+
+
+def apart():
+    """A day whose two noise scales are 6e6 apart, on which the second-order step is singular to the last digit."""
+    likes = [
+        [3.76333328330145e-05, -9.868891687118782e-06, 4.5553656592559e-05, 1.2414770977920881e-05,
+         -3.733179536860363e-05],
+        [-2.3134138781284034e-05, 1.8391918006829415e-05, 8.573590964635638e-06, -1.4351650810726581e-05,
+         3.32785791797405e-05],
+    ]  # fmt: skip
+    return Instance(
+        horizon=7, arrival=[1, 2, 4, 6, 6], expiry=[2, 3, 6, 6, 6],
+        reward=[4.454193265435456e-05, 4.007196839659572e-05, 2.6466437984783783e-05, 5.5364427431991955e-05,
+                1.4142468714724114e-05],
+        penalty=[-3.826426574943202e-06, -3.098814321836909e-06, -6.589626320400752e-06, -1.690017061227978e-05,
+                 -1.3929394865847796e-05],
+        features=np.zeros((5, 0)), pickup=[0] * 5, dropoff=[0] * 5, worker_step=range(7),
+        worker_group=[1, 0, 1, 1, 1, 0, 0], utility=likes, mu=[0.006507298218594011, 1.0732444208493258e-09],
+        outside_utility=4.575698682941314e-06,
+    )  # fmt: skip
+
+
+def test_noise_scales_that_are_millions_apart(random_instance):
+    """A bound that its certificate proves, whatever the scales, also where a Newton step has no solution."""
+    theta = [[[0.8000765603219446, -0.6252417214807118], [0.37821519414228594, -1.4352061860922274]]]
+    charges = LinearCharges(theta, [0.0, 50.0], [1.0, 9.0], Foresight(fifo_presence(0.5, 20), [0.5, 0.5]))
+    prove(penalized_dual(apart(), charges), apart())
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        day = random_instance(rng, requests=5, workers=6, lifetime=3.0, groups=2)
+        day = replace(day, mu=day.mu * [1.0, 10.0 ** -rng.uniform(6.0, 12.0)])
+        bound = penalized_dual(day, charges_for(day, 1))
+        assert np.isfinite(bound.value)
+        prove(bound, day)
+
+
+def test_a_singular_step_is_one_by_the_curvature_alone(monkeypatch):
+    """Where the system of a step cannot be solved at all, the bound is looser or later, but there."""
+    day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+    share = np.full(day.n_groups, 1 / day.n_groups)
+    free = LinearCharges(np.zeros((1, 2, 2)), [0.0, 9.0], [1.0, 9.0], Foresight(fifo_presence(0.5), share))
+    right = penalized_dual(day, free).value
+
+    def singular(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(np.linalg, "solve", singular)
+    bound = penalized_dual(day, free)
+    assert bound.value >= right - 1e-9 * abs(right)
+    prove(bound, day)

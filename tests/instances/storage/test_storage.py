@@ -617,6 +617,16 @@ def _retyped(schema, name, kind):
     return schema.set(at, pa.field(name, kind))
 
 
+@pytest.mark.parametrize("table", ["requests", "workers", "noise"])
+def test_a_column_that_stands_twice(folder, table):
+    """Every column of every table, a copy or not, at the end: which of the two counts is nobody's guess."""
+    whole = pq.read_table(folder / f"{table}.parquet")
+    for name in whole.column_names:
+        pq.write_table(whole, folder / f"{table}.parquet")
+        change_table(folder, table, lambda _, name=name: whole.append_column(name, whole.column(name)))
+        fails(folder, f"{table}.parquet", f"has the column '{name}' twice")
+
+
 def test_table_that_is_no_parquet(folder):
     """A file of another format, checksum and all, is refused."""
     data = b"instance,request\n0,0\n"

@@ -264,3 +264,10 @@ def test_huge_features_are_refused_by_name():
     x = pd.DataFrame({"pay": [1.0, 2.0, 1.0, 3.0], "far": [1e160, 2.0, 1.0, 4.0]})
     with pytest.raises(InputError, match="far"):
         ConditionalLogit([1, 0, 0, 1], x, [0, 0, 1, 1])
+
+
+@pytest.mark.parametrize("maxiter", [-1, -(10**9), 0.5, np.nan, None, True, "100", [3], np.inf])
+def test_a_number_of_steps_is_a_whole_number(maxiter):
+    """Of at least 0: anything else is one line, before the search, and never a search of no steps."""
+    with pytest.raises(InputError, match=r"^maxiter = .* is not a whole number of at least 0$"):
+        ConditionalLogit(*sample()).fit(maxiter=maxiter)
