@@ -19,6 +19,7 @@ from optkit.models.estimation import ConditionalLogit
 from optkit.models.preferences.attributes import Attributes
 from optkit.models.preferences.fit import fit_preferences
 from optkit.models.preferences.offers import Offers
+from optkit.models.preferences.preferences import Preferences
 from optkit.models.pricing import certify, optimal_prices
 from optkit.models.pricing_program import PricingProgram
 from optkit.models.value import KernelValue, LinearValue
@@ -55,6 +56,7 @@ FLAGS = {
     "learn_preferences pooled": lambda x: learn_preferences([], pooled=x),
     "fit_preferences pooled": lambda x: fit_preferences(LOG, ridge=1.0, pooled=x),
     "fit_preferences robust": lambda x: fit_preferences(LOG, ridge=1.0, robust=x),
+    "Preferences pooled": lambda x: Preferences(Attributes(("km",)), np.ones((1, 2)), np.ones(1), pooled=x),
     "Attributes reference": lambda x: Attributes(("km",), reference=x),
     "ConditionalLogit outside_option": lambda x: ConditionalLogit(**ROWS, outside_option=x),
     "ConditionalLogit.from_formula outside_option": lambda x: ConditionalLogit.from_formula(
