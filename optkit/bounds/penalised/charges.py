@@ -15,6 +15,7 @@ waiting requests only must choose them without foresight.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -90,7 +91,11 @@ class Charges:
 
         Step -1 is before the first.
         """
-        return float(sum(self._nobody(int(step)) for step in steps))
+        return math.fsum(self.idle_terms(steps))
+
+    def idle_terms(self, steps: Ints) -> list[float]:
+        """Return what :meth:`idle` adds up, for sums that count their rounding."""
+        return [self._nobody(int(step)) for step in steps]
 
     def along(self, last: Ints, tracked: Bools) -> Floats:
         """Charge of M runs, (M,), money.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 
@@ -78,8 +79,8 @@ class PenalizedCertificate:
         program = penalized_program(instance, self.tracked, multipliers)
         charges = KeptCharges.of(self.charges)
         bound, attained = program.check(list(self.tables), charges)
-        idle = charges.idle(idle_steps(program))
-        return Verdict(bound=sum_up([bound, -idle]), attained=attained - idle, residual=0.0)
+        idle = [-charge for charge in charges.idle_terms(idle_steps(program))]
+        return Verdict(bound=sum_up([bound, *idle]), attained=attained + math.fsum(idle), residual=0.0)
 
 
 def penalized(
@@ -159,7 +160,8 @@ def penalized(
     method = "exact" if tracked.all() else "hybrid"
     record = SolverRecord(method, "solved", time.perf_counter() - started, details)
     certificate = PenalizedCertificate(tables, limit, multipliers, charges)
-    return Bound(sum_up([path, -kept.idle(idle_steps(program))]), KIND, certificate, record)
+    idle = [-charge for charge in kept.idle_terms(idle_steps(program))]
+    return Bound(sum_up([path, *idle]), KIND, certificate, record)
 
 
 def penalized_program(instance: Instance, tracked: Bools, multipliers: Floats) -> SubsetProgram:
