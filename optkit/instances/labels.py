@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import whole_number
+from optkit.basics.arrays import unmasked, whole_number
 from optkit.basics.errors import InstanceError
 
 Identifiers = npt.NDArray[Any]
@@ -28,6 +28,7 @@ def identifiers(name: str, values: Any, count: int) -> Identifiers:
     >>> identifiers("request_id", ["007", "7"], 2).tolist(), identifiers("worker_id", [7.0, 8.0], 2).tolist()
     (['007', '7'], [7, 8])
     """
+    unmasked(name, values, error=InstanceError)
     array = np.asarray(values)
     if array.shape != (count,):
         raise InstanceError(f"{name} has shape {array.shape}; it needs ({count},), one for each")
@@ -72,9 +73,11 @@ def names_of(name: str, values: Sequence[Any], count: int) -> tuple[str, ...]:
     listed = [values] if isinstance(values, str) else list(values)
     if len(listed) != count:
         raise InstanceError(f"{name} has {len(listed)} names; it needs {count}, one for each")
+    seen: set[str] = set()
     for i, one in enumerate(listed):
         if not isinstance(one, str) or not one.strip():
             raise InstanceError(f"{name}[{i}] = {one!r} is no name")
-        if one in listed[:i]:
+        if one in seen:
             raise InstanceError(f"{name} has {one!r} twice")
+        seen.add(one)
     return tuple(map(str, listed))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from optkit.basics.arrays import Floats, real
+from optkit.basics.arrays import Floats, flag, number, real
 from optkit.basics.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def performance_ratio(
     >>> performance_ratio([80.0, -20.0], [100.0, 100.0], [-20.0, -20.0])
     array([83.33333333,   0.        ])
     """
+    flag("in_the_mean", in_the_mean)
     given = {"reward": reward, "full_information": full_information, "total_penalty": total_penalty}
     earned, best, least = (np.atleast_1d(real(name, x)) for name, x in given.items())
     if not earned.shape == best.shape == least.shape:
@@ -152,7 +153,7 @@ def mean_interval(
     if x.ndim != 1 or x.size == 0:
         raise InputError(f"a mean needs one value per instance, at least one; got shape {x.shape}")
     real("values less baseline", x)
-    if not 0 < confidence < 1:
+    if not 0 < number("confidence", confidence) < 1:
         raise InputError(f"confidence = {confidence} is not between 0 and 1")
     mean = float(x.mean())
     if x.size == 1:

@@ -24,8 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from optkit.basics.arrays import Floats
-from optkit.basics.errors import InputError
+from optkit.basics.arrays import Floats, number, whole_number
 from optkit.bounds.arrival.market import OpenPairs
 
 LOOSE = 0.03
@@ -62,8 +61,8 @@ class Solved:
 
 def check_options(tolerance: float, max_iterations: int) -> None:
     """Raise an InputError unless both are positive."""
-    if not tolerance > 0 or not max_iterations > 0:
-        raise InputError(f"tolerance = {tolerance!r} and max_iterations = {max_iterations!r} must be positive")
+    number("tolerance", tolerance, above=0.0)
+    whole_number("max_iterations", max_iterations, least=1)
 
 
 def minimise(

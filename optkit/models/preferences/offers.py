@@ -167,6 +167,7 @@ class Offers:
         Returns
         -------
         Offers
+            Those rows.
 
         Raises
         ------
