@@ -21,6 +21,8 @@ FIRST_COLUMNS = (
     "instance,requests,workers,penalty,bound,gap,method,",  # optkit bound
     "instance,requests,workers,penalty,bound: full,",  # optkit certify
     "policy,instance,bound,requests,workers,reward,ratio,",  # optkit evaluate
+    "request,compensation,acceptance,value,utility",  # optkit price
+    "decision,request,compensation,acceptance,value,utility",
 )
 """How the tables of the verbs begin: a CSV file has no other place for a mark."""
 

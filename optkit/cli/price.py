@@ -12,13 +12,16 @@ import typer
 from optkit.basics.errors import InputError
 from optkit.basics.printable import listed
 from optkit.cli.console import print_table, say, say_json
+from optkit.cli.decisions import SHOWN, ManyDecisions, price_rows
 from optkit.cli.options import Json
+from optkit.cli.output import ROWS, write_rows
 
 if TYPE_CHECKING:
     from optkit.cli.request_table import RequestTable
+    from optkit.models.pricing.optimal import Pricing
 
-SHOWN = 200
-"""Rows of the table on the terminal."""
+CERTAIN = 1e-3
+"""Share of workers who reject below which mu is suspected."""
 
 FORMS = {"exact": True, "free": False, "clip": "clip"}
 
@@ -44,15 +47,17 @@ def price(
         str | None, typer.Option(help="With --policy: the time, such as 11:08, if days have a clock.")
     ] = None,
     group: Annotated[str | None, typer.Option(help="With --policy: the worker's group.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write a row per request as .csv or .parquet.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Price one decision and prove the prices optimal.
+    """Price one decision, or each of many, and prove the prices optimal.
 
     Columns: **utility** (money; -inf: cannot be served), and either **value** or **reward** with, if
     they apply, **penalty** (at most 0), **expires** (0 or 1, now) and **opportunity_cost**:
     value = reward - penalty * expires - opportunity_cost. A column **offered** (0 or 1) says which are on
     offer. A column **compensation** is taken as a proposal of yours and certified too. A column
-    **request** names the rows, in text as it stands in the file.
+    **request** names the rows, in text as it stands in the file. Rows of one **decision** are priced
+    together; without this column all rows are one decision.
 
     With --policy the columns are **reward**, **expiry** (the last step, or a time), **penalty** if there is one, what
     the policy was trained on, and **utility** if it learned no preferences; **request_id** names the rows.
@@ -62,6 +67,8 @@ def price(
 
     if form not in FORMS:
         raise InputError(f"--form {form} is unknown; there are {', '.join(FORMS)}")
+    if out is not None:
+        ROWS.check(out, reads=[table])
     if policy is None:
         for name, x in (("step", step), ("time", time), ("group", group)):
             if x is not None:
@@ -74,6 +81,20 @@ def price(
     if given.ignored:
         say(f"optkit: ignored columns of {table}: {listed(given.ignored)}", err=True)
     chosen: Any = FORMS[form]
+    if given.decision is not None:
+        if solver is not None or given.compensation is not None:
+            what = "--solver" if solver is not None else "a column compensation"
+            raise InputError(f"{what} goes with one decision, and {table} has a column decision")
+        many = ManyDecisions.priced(given, mu, outside_utility, chosen)
+        if as_json:
+            say_json({"decisions": many.to_dict(), "mu": mu, "mu_is": source})
+        else:
+            many.show(f"{form} prices: {table}")
+            say(f"mu {mu:g} {source}")
+        _suspect(many.prices.rejection, mu)
+        if out is not None:
+            write_rows(price_rows(given, many.rows(many.prices.compensation), many.rows(many.prices.acceptance)), out)
+        raise typer.Exit(int(form != "clip" and not bool(np.all(many.proof.optimal))))
     nonnegative = form != "free"
     facts: dict[str, Any] = {"outside_utility": outside_utility, "offered": given.offered}
     found = optimal_prices(value, utility, mu, nonnegative=chosen, **facts)
@@ -101,8 +122,10 @@ def price(
         program = PricingProgram(len(value), nonnegative)
         solved = program.solve(value, utility, mu, solver=solver.upper(), **facts)
         result["solver"] = {"solver": solver, "status": solved.status, "profit": solved.profit, "bound": solved.bound}
+    _suspect(found.rejection, mu)
     if as_json:
         say_json(result)
+        _write(given, found, out)
         raise typer.Exit(failed)
     known = [x for x in (*value, *utility, mu, outside_utility) if math.isfinite(x)]
     # Four decimals suit money as people count it; in another unit they would show nothing, or too much.
@@ -126,7 +149,20 @@ def price(
     if solver is not None:
         profit, bound = money(solved.profit, 6), money(solved.bound, 6)
         say("", f"{solver}: {solved.status}, profit {profit}, bound {bound}")
+    _write(given, found, out)
     raise typer.Exit(failed)
+
+
+def _write(given: RequestTable, found: Pricing, out: Path | None) -> None:
+    if out is not None:
+        write_rows(price_rows(given, found.compensation, found.acceptance), out)
+
+
+def _suspect(rejection: Any, mu: float) -> None:
+    """Say it where nobody ever rejects: mu is in another unit than the money, more often than not."""
+    if np.size(rejection) and bool(np.all(np.asarray(rejection) < CERTAIN)):
+        why = f"nobody rejects (less than {100 * CERTAIN:g} % do): is mu = {mu:g} in the unit of the money?"
+        say(f"optkit: {why}", err=True)
 
 
 def _by_policy(

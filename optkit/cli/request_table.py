@@ -36,6 +36,7 @@ def utilities(cells: Cells) -> Column:
 PARTS_OF_VALUE = ("reward", "penalty", "expires", "opportunity_cost")
 KNOWN: dict[str, Converter] = {
     "request": labels,
+    "decision": labels,
     "value": numbers,
     "utility": utilities,
     "offered": flags,
@@ -64,6 +65,8 @@ class RequestTable:
         Somebody's proposal, in money.
     ignored : list of str
         Columns that have no meaning here.
+    decision : list of str or None
+        The decision that each request belongs to, if there are several.
     """
 
     names: list[str]
@@ -72,6 +75,7 @@ class RequestTable:
     offered: Bools
     compensation: Floats | None
     ignored: list[str]
+    decision: list[str] | None = None
 
 
 def read_requests(path: Path) -> RequestTable:
@@ -80,7 +84,8 @@ def read_requests(path: Path) -> RequestTable:
     Columns, in any order and case: ``utility``, ``-inf`` where the worker cannot serve the request; either ``value``,
     or ``reward`` with ``penalty`` (at most 0), ``expires`` (0 or 1) and ``opportunity_cost`` where they apply: value =
     reward - penalty * expires - opportunity_cost; ``offered`` (0 or 1); ``compensation`` for a proposal; ``request``
-    for names, which are read as text. JSON is a list of objects, or an object with such a list under ``requests``.
+    for names, which are read as text; ``decision`` for rows that are priced together. JSON is a list of objects, or an
+    object with such a list under ``requests``.
 
     Raises
     ------
@@ -125,4 +130,5 @@ def read_requests(path: Path) -> RequestTable:
         offered=columns.get("offered", np.ones(rows)) == 1,
         compensation=columns.get("compensation"),
         ignored=[name for name, lower in written.items() if lower not in KNOWN],
+        decision=columns["decision"].tolist() if "decision" in columns else None,
     )

@@ -28,6 +28,7 @@ def place(tmp_path_factory):
     optkit("collect", "I.1", "--set", "horizon=30", "--set", "split=30,0,0", "--out", folder / "log.parquet", check=0)
     optkit("train", "I.1", *SMALL, "--choice", "true", "--out", folder / "p.json", "--quiet", check=0)
     tables(folder)
+    (folder / "requests.csv").write_text("request,value,utility\na,30,-10\nb,53,-22\nc,45,-30\n")
     few = grids.Study.cells
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(grids.Study, "cells", lambda study: few(study)[:2])
@@ -40,6 +41,8 @@ VERBS = {
     "certify": (["certify", "days", "--policy", "myopic", "--kinds", "full"], "rows.csv"),
     "certify's figure": (["certify", "days", "--policy", "myopic", "--kinds", "full"], "ladder.png"),
     "certify's figure in PDF": (["certify", "days", "--policy", "myopic", "--kinds", "full"], "ladder.pdf"),
+    "price": (["price", "requests.csv"], "rows.csv"),
+    "price in Parquet": (["price", "requests.csv"], "rows.parquet"),
     "evaluate": (["evaluate", "p.json", "days"], "rows.parquet"),
     "evaluate in CSV": (["evaluate", "p.json", "days"], "rows.csv"),
     "collect": (["collect", "days"], "offers.parquet"),
