@@ -155,6 +155,7 @@ def told(call, value):
     return ""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("which", FLAGS)
 def test_flags_are_true_or_false(which):
@@ -167,6 +168,7 @@ def test_flags_are_true_or_false(which):
         assert not told(FLAGS[which], value).startswith(f"{name} = ")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("which", NUMBERS)
 def test_numbers_are_finite_numbers(which):

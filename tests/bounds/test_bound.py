@@ -47,6 +47,7 @@ def test_a_penalty_that_is_always_avoided_softens_nothing(random_instance, metho
         prove(replace(bound, value=bound.value - 1e-6 * abs(bound.value) - 1e-12 * abs(penalty)), day)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outside", [-1e3, -1e5, -1e7, 1e5])
 @pytest.mark.parametrize("mu", [1e-10, 0.03, 1.0, 1e3])
 def test_an_outside_option_that_is_out_of_reach(outside, mu):

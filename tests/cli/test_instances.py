@@ -72,6 +72,7 @@ def test_nothing_is_written_without_out(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["couriers.csv", "orders.csv"]
 
 
+@pytest.mark.slow
 def test_the_next_verb_takes_it(tmp_path):
     """A set made of tables is certified as it is."""
     orders, couriers = tables(tmp_path, days=12)
@@ -101,6 +102,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", REFUSED)
 def test_refusals_say_what_to_type(tmp_path, case):
     """One line, status 2, and nothing is written."""
@@ -112,6 +114,7 @@ def test_refusals_say_what_to_type(tmp_path, case):
     assert not (tmp_path / "days").exists()
 
 
+@pytest.mark.slow
 def test_what_is_there_stays(tmp_path):
     """A folder that is no instance set is never replaced, and a set only when it is said."""
     orders, couriers = tables(tmp_path)
@@ -127,6 +130,7 @@ def test_what_is_there_stays(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "json"])
 def test_other_formats(tmp_path, suffix):
     """Parquet with timestamps and JSON give the same set as CSV."""

@@ -222,6 +222,7 @@ def test_fit_clusters_by_a_column(optkit, log, tmp_path):
     assert "has no column 'boss'" in err
 
 
+@pytest.mark.slow
 def test_out_writes_a_folder_with_preferences(optkit, file, tmp_path):
     """--out FOLDER: the summary, and preferences that Python reads as they were estimated; nothing else is replaced."""
     folder = tmp_path / "learned"

@@ -92,6 +92,7 @@ class Counted(str):
         return Counted(super().lower())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
 def test_columns_are_compared_a_few_times_each(tmp_path, monkeypatch, kind):
     """No name is held against all others: four times as many columns are four times as many comparisons."""

@@ -183,6 +183,7 @@ def test_any_encoding_will_do(call, encoding, tmp_path, monkeypatch):
         assert "Usage" in out + err
 
 
+@pytest.mark.slow
 def test_a_fit_is_written_in_any_encoding(call, tmp_path):
     """Names that the output's encoding lacks cost no file: the summary and the JSON are those of any terminal."""
     rng, log = np.random.default_rng(0), tmp_path / "log.csv"

@@ -346,6 +346,7 @@ def test_bad_input_is_one_line_and_status_2(optkit, tmp_path, monkeypatch, file,
     assert (tmp_path / "notes.json").read_text() == '{"mine": true}'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--out", "no/p.json"], ["--out", "notes.json"], ["--deviations", "x"]])
 def test_refused_before_the_training_and_not_after(optkit, tmp_path, monkeypatch, arguments):
     """What can be known to be wrong is said before any work is done."""

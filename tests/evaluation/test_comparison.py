@@ -23,6 +23,7 @@ def bounds(days):
     return [full_information(day) for day in days]
 
 
+@pytest.mark.slow
 def test_table_is_what_the_formulas_give_by_hand(days, bounds):
     """Ratios, means, spreads, Student intervals and paired differences, written out here as the paper defines them."""
     policies = {"myopic": PostDecisionPricing(), "half": RewardPercentage(0.5)}

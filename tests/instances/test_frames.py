@@ -227,6 +227,7 @@ def anyhow(draw):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(tables=anyhow(), horizon=st.integers(1, 8))
 def test_every_row_is_in_the_instance_or_counted(tables, horizon):

@@ -185,6 +185,7 @@ def test_experience_is_what_the_simulation_left_waiting(split):
     assert experience.discount == 1.0
 
 
+@pytest.mark.slow
 def test_the_discount_and_the_deviations_count(split):
     """Settings reach the experience and the record; those of the estimator are taken where the caller sets none."""
     Spy.seen = ()

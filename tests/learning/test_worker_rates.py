@@ -46,6 +46,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(half_days):
     assert np.log(drawn).std(axis=0) == pytest.approx(np.full(16, np.sqrt(found[0].covariance[0, 0])), rel=0.1)
 
 
+@pytest.mark.slow
 def test_days_without_a_worker_and_days_full_of_them_have_rates(half_days):
     """Nobody was seen: a rate near 0, and not 0; somebody always: one so high that somebody is nearly sure."""
     nobody = learn_worker_rates(processes.days(lambda rng: np.zeros(16, int), 20, seed=0))

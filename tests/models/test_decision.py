@@ -57,6 +57,7 @@ def needed(call, many, seed):
     return given if call == "certify" else {name: one for name, one in given.items() if name != "paid"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("call", "many"), CALLS)
 def test_the_same_labels_in_another_order(call, many):
     """Whichever argument is shuffled, the results are those of the order that the first of them has."""
@@ -70,6 +71,7 @@ def test_the_same_labels_in_another_order(call, many):
                 np.testing.assert_array_equal(results(call, mixed), right)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("call", "many"), CALLS)
 def test_other_labels(call, many):
     """Labels that are not the same, or that stand there twice and in another order, are one line that names both."""
@@ -112,6 +114,7 @@ STRANGE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["acceptance", "prices", "certify", "program"])
 @pytest.mark.parametrize("strange", STRANGE)
 def test_offered_is_a_mask(call, strange):

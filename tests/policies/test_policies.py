@@ -294,6 +294,7 @@ NO_BELIEFS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["utility", "mu", "outside_utility", "opportunity_cost"])
 @pytest.mark.parametrize("answer", NO_BELIEFS.values(), ids=NO_BELIEFS)
 def test_beliefs_gone_wrong(method, answer):

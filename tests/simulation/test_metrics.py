@@ -18,6 +18,7 @@ def test_ratio_by_hand():
     assert ratio == pytest.approx([100 * (1 - 20 / 120), 100 * (1 - 40 / 80), 100 * (1 - 100 / 90)])
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(MONEY, st.floats(1e-3, 1e6)), min_size=1, max_size=5))
 def test_ratio_of_the_extremes(pairs):
     """The full-information solution has ratio 100 and letting everything expire has ratio 0.
@@ -127,6 +128,7 @@ def test_pairing_narrows_the_interval():
     assert mean_interval(one).high - mean_interval(one).low > 10
 
 
+@pytest.mark.slow
 def test_interval_covers_as_often_as_it_says():
     """A 90 % interval covers the true mean in 90 % of 4,000 samples, up to 5 standard errors of that share."""
     drawn = np.random.default_rng(2).normal(3.0, 2.0, (4000, 6))

@@ -165,6 +165,7 @@ def test_multipliers_that_prove_nothing_are_refused(random_instance, multipliers
         arrival_hybrid(random_instance(np.random.default_rng(3)), multipliers=multipliers)
 
 
+@pytest.mark.slow
 def test_a_check_is_no_dearer_than_the_solution(monkeypatch):
     """Each stage is proven in one go over its subsets, as it was solved; none is laid out request by request."""
     n, T = 60, 30

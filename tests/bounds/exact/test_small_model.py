@@ -194,6 +194,7 @@ def test_a_sample_needs_a_count_and_a_seed(arguments, message):
         two_types().sample(*arguments)
 
 
+@pytest.mark.slow
 def test_a_sample_takes_about_the_memory_that_is_estimated(monkeypatch):
     """What is refused would not have fitted, and what fits is not refused: within a factor of three."""
     asked = []

@@ -68,6 +68,7 @@ def test_any_matching_gets_duals_that_bound_the_best_one(random_instance, seed, 
     assert y.sum() + z.sum() >= best.sum() - 1e-10  # rounding of sums below 1200
 
 
+@pytest.mark.slow
 @given(seeds, st.floats(-1e3, 1e3))
 def test_repair_makes_any_prices_feasible(random_instance, seed, level):
     rng = np.random.default_rng(seed)

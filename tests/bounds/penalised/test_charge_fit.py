@@ -131,6 +131,7 @@ def test_knots_are_spread_or_given():
     assert given.time_knots.tolist() == [2.0, 4.0]
 
 
+@pytest.mark.slow
 def test_the_same_instances_give_the_same_charges():
     one, again = (fit_linear_charges(TRAIN[:4], workers(), 0.5) for _ in range(2))
     assert np.array_equal(one.theta, again.theta)

@@ -196,6 +196,7 @@ def apart():
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_noise_scales_that_are_millions_apart(random_instance):
     """A bound that its certificate proves, whatever the scales, also where a Newton step has no solution."""
     theta = [[[0.8000765603219446, -0.6252417214807118], [0.37821519414228594, -1.4352061860922274]]]

@@ -235,6 +235,7 @@ def test_readable_without_optkit(folder, instances):
         np.testing.assert_array_equal(people.outside_noise, want.outside_noise)
 
 
+@pytest.mark.slow
 def test_every_table_is_read_once(tmp_path, monkeypatch):
     """A set of 630 days is read with one pass over each table."""
     rng = np.random.default_rng(0)

@@ -73,6 +73,7 @@ STRANGE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("strange", STRANGE)
 def test_no_array_is_masked_complex_or_made_of_dates(strange):

@@ -141,6 +141,7 @@ FRAMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FRAMES)
 def test_columns_of_any_table_go_by_name(data, kind):
     given = {name: data[name] for name in NAMES}

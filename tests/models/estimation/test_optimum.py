@@ -40,6 +40,7 @@ def test_separation_is_refused_at_any_tolerance():
                 model.fit(start, tol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1e2, 1e4, 1e6])
 @pytest.mark.parametrize("steep", ["offset", "column"])
 def test_a_dummy_that_is_never_chosen_is_refused_beside_anything(scale, steep):

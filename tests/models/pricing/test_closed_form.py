@@ -200,6 +200,7 @@ def test_the_dual_constraint_holds_above_the_optimum_and_fails_below(seed, n, no
     assert closed_form.dual_slack(d, ratio - step, nonnegative) < 0
 
 
+@pytest.mark.slow
 def test_held_sets_found_for_a_batch_are_those_found_alone():
     """The search drops finished rows as it goes; the others must not notice."""
     rng = np.random.default_rng(3)

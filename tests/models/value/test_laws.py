@@ -65,6 +65,7 @@ def test_what_is_left_costs_what_it_does_as_a_set_of_its_own(value, sets):
         np.testing.assert_allclose(costs_without(value, one, row, column), slow, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_order_of_the_columns_does_not_matter(value, sets):
     """Prices do not depend on how a set is written down, ties or not (rounding: 1e-8 money)."""
     for one in sets:

@@ -54,6 +54,7 @@ def test_opportunity_costs_without_each_request(random_sets, kind, seed, b, w, g
     np.testing.assert_allclose(cost, one.opportunity_cost(sets.without(row, column), theta), atol=1e-10)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(KINDS, st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]))
 def test_all_is_linear_in_the_coefficients(random_sets, kind, seed, b, w, groups):
