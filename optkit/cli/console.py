@@ -137,6 +137,8 @@ def open_source(
 
     more = {name: value for name, value in (("mode", mode), ("fraction", fraction)) if value is not None}
     if source.lower().replace("_", "-") in {name.lower() for name in TABLE_1}:
+        if source.lower().startswith("nyc") and not trips:
+            raise InputError(f"{source} needs trip records: give --trips, a TLC file (parquet or CSV) or a folder")
         if more and not trips:
             raise InputError(f"--{next(iter(more))} goes with --trips and a scenario of New York")
         return scenario(source, seed, trips=list(trips) if trips else None, **more, **parsed_settings(settings or ()))

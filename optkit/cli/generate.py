@@ -75,6 +75,8 @@ def generate(
     if isinstance(opened, Path):
         raise InputError(f"{source} is a folder: generate takes a scenario's name")
     told: dict[str, dict[str, Any]]
+    if count is not None and count < 1:
+        raise InputError(f"--count {count}: a set has at least one instance")
     if count is None:
         sets = dict(zip(PARTS, opened.split(), strict=True))
         told = {part: {"part": part} for part in PARTS}

@@ -28,7 +28,7 @@ def run(
     fraction: Fraction = None,
     settings: Setting = None,
     verify: Annotated[int, typer.Option(min=0, help="Pricing decisions to solve again with CVXPY.")] = 60,
-    out: Annotated[Path | None, typer.Option(help="Results folder; results/<source>-<seed> by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Results folder; results/SOURCE-SEED by default.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

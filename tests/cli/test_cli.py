@@ -326,6 +326,8 @@ def test_forms_of_price_order_as_they_must(requests_csv):
         (["bound", "absent", "--kind", "arrival", "--method", "lp"], "--method lp"),
         (["bound", "absent", "--kind", "penalised", "--method", "lp"], "there is but one"),
         (["bound", "absent", "--kind", "arrival", "--time-limit", "3"], "--time-limit"),
+        (["generate", "I.1", "--count", "0", "--out", "z"], "--count 0: a set has at least one instance"),
+        (["run", "nyc-weak"], "nyc-weak needs trip records: give --trips"),
         (["price", "absent.csv"], "absent.csv"),
         (["price", "absent.csv", "--form", "best"], "--form"),
     ],
