@@ -318,7 +318,7 @@ def test_forms_of_price_order_as_they_must(requests_csv):
         (["run", "I.1", "--set", "split=3"], "split"),
         (["bound", "absent", "--out", "no/such/folder/x.csv"], "cannot be written"),
         (["run", "nyc-weak", "--trips", "absent.parquet"], "absent.parquet"),
-        (["generate", "I.1", "--count", "-2", "--out", "x"], "count = -2"),
+        (["generate", "I.1", "--count", "-2", "--out", "x"], "--count -2"),
         (["bound", "absent"], "absent"),
         (["bound", "absent", "--jobs", "-2"], "--jobs"),
         (["bound", "absent", "--out", "x.txt"], ".csv or .parquet"),
