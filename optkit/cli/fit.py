@@ -37,8 +37,8 @@ def fit(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder to write: preferences.json, which other verbs take, and the summary as text and JSON. Or a "
-            "text file, for the summary alone with its JSON beside it."
+            help="Folder to write: preferences.json, which Preferences.load reads, and the summary as text and JSON. "
+            "Or a text file, for the summary alone with its JSON beside it."
         ),
     ] = None,
     as_json: Json = False,

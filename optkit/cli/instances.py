@@ -116,14 +116,13 @@ def instances(
         found = Days({ONE: Instance(**fields_of(tables, **given))}, tables.account)
     else:
         found = cut_into_days(tables, day_column, **given)
+    if out is not None:
+        told = {"origin": "two tables", "days": list(found.instances), "left out": _counts(found)}
+        save_instances(out, list(found.instances.values()), scenario=told, overwrite=overwrite)
     if as_json:
         say_json(_plain(found, tables, out))
     else:
         _show(found, tables, out)
-    # After it was told: a full disk must not take it away.
-    if out is not None:
-        told = {"origin": "two tables", "days": list(found.instances), "left out": _counts(found)}
-        save_instances(out, list(found.instances.values()), scenario=told, overwrite=overwrite)
 
 
 def _need_columns(table: pd.DataFrame, path: Path, wanted: Sequence[tuple[str, str]]) -> None:

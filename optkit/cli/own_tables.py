@@ -153,10 +153,11 @@ def by_group(option: str, text: str) -> float | dict[str, float]:
     InputError
         If it is neither.
     """
+    pairs = [part.rpartition("=") for part in text.split(",")]
     try:
-        if "=" not in text:
-            return float(text)
-        pairs = [part.rpartition("=") for part in text.split(",")]
-        return {name.strip(): float(value) for name, _, value in pairs}
+        found = float(text) if "=" not in text else {name.strip(): float(value) for name, _, value in pairs}
     except ValueError:
         raise InputError(f"--{option} {text} is neither a number nor of the form bike=1.2,car=0.8") from None
+    if isinstance(found, dict) and len(found) < len(pairs):
+        raise InputError(f"--{option} {text} gives a group twice")
+    return found

@@ -76,6 +76,8 @@ def price(
         given, source = read_requests(table), "as given" if mu is not None else "by default"
         mu = 1.0 if mu is None else mu
     else:
+        if outside_utility:
+            raise InputError("--outside-utility goes without --policy, whose own it is")
         given, mu, outside_utility, source = _by_policy(table, policy, step, time, group, mu)
     value, utility = given.value, given.utility
     if given.ignored:

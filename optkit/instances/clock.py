@@ -86,11 +86,16 @@ def at_time_of_day(day: pd.Timestamp, text: str) -> pd.Timestamp:
     """
     import pandas as pd
 
-    wall = pd.Timestamp(f"{day.date().isoformat()}T{text.rjust(8 if text.count(':') == 2 else 5, '0')}")
+    try:
+        wall = pd.Timestamp(f"{day.date().isoformat()}T{text.rjust(8 if text.count(':') == 2 else 5, '0')}")
+    except ValueError:
+        raise InstanceError(f"{text} is no time of day: they go from 00:00 to 23:59") from None
     try:
         return wall.tz_localize(day.tzinfo) if day.tzinfo is not None else wall
-    except Exception as error:  # the zone's own: the clock is put forward or back
-        raise InstanceError(f"{text} on {day.date()} is no one time there ({error}): give it with its offset") from None
+    except Exception:  # the zone's own: the clock is put forward or back
+        raise InstanceError(
+            f"{text} on {day.date()} is no one time there, for clocks change: begin earlier or later"
+        ) from None
 
 
 def timestamp(value: Any) -> pd.Timestamp | None:
@@ -122,6 +127,8 @@ def seconds_of(step: Any) -> float:
     import pandas as pd
 
     try:
+        if isinstance(step, str) and re.fullmatch(r"\s*\d+(\.\d*)?\s*", step):
+            step = float(step)  # which pandas would take for nanoseconds
         plain = isinstance(step, int | float) and not isinstance(step, bool)
         span = float(step) if plain else pd.Timedelta(step).total_seconds()
     except (TypeError, ValueError):
@@ -181,8 +188,9 @@ def instants(name: str, column: pd.Series) -> Instants:
             i, j = aware.index(True), aware.index(False)
             raise InstanceError(f"{name} has an offset from UTC in row {i} and none in row {j}: give all one, or none")
         zones = {str(one.tzinfo) for one in read if one is not None}
-        if any(aware) and len(zones) > 1:  # an offset each, as where clocks change
-            read = [one.tz_convert("UTC") for one in read if one is not None]
+        if any(aware) and len(zones) > 1:  # an offset each, as where clocks change: the first in time is the day's
+            zone = min(one for one in read if one is not None).tzinfo
+            read = [one.tz_convert(zone) for one in read if one is not None]
         index = pd.DatetimeIndex(read)
     if index.hasnans:
         raise InstanceError(f"{name} in row {int(index.isna().argmax())} is missing: drop the row or fill it in")

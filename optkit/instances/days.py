@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -88,7 +89,7 @@ def days_from_frames(
     {'Mon': 2, 'Tue': 1}
     """
     given = {"mu": mu, "outside_utility": outside_utility, "horizon": horizon, "start": start, "step": step}
-    found = cut_into_days(understood(requests, workers, features, queue, [day]), day, **given)
+    found = cut_into_days(understood(requests, workers, features, queue, [str(day)]), str(day), **given)
     found.account.warn(stacklevel=2)
     return found.instances
 
@@ -96,6 +97,11 @@ def days_from_frames(
 def cut_into_days(tables: Tables, day: str, *, horizon: int | None, start: Any, step: Any, **more: Any) -> Days:
     """Return the instance of each day of tables that were understood; see :func:`days_from_frames`."""
     of = {name: _days(name, getattr(tables, name)[day]) for name in ("requests", "workers")}
+    for name, other in (("requests", "workers"), ("workers", "requests")):
+        alone = sorted({*of[name]} - {*of[other]}, key=_order)
+        if alone:
+            few = f"{', '.join(alone[:3])}{' ...' if len(alone) > 3 else ''}"
+            tables.account.notes.append(f"{len(alone)} days have {name} and no {other}: {few}")
     wanted = sorted({*of["requests"], *of["workers"]}, key=_order)
     parts = {}
     for one in wanted:
@@ -134,8 +140,12 @@ def _days(name: str, column: Any) -> list[str]:
     for i, value in enumerate(column):
         if pd.isna(value) or (isinstance(value, str) and not value.strip()):
             raise InstanceError(f"the {name} table has no day in row {i}: fill it in or drop the row")
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)  # a gap elsewhere made it one
         date = timestamp(value)
-        labels.append(str(value).strip() if date is None else date.date().isoformat())
+        text = str(value).strip()
+        text = text.removesuffix(".0") if re.fullmatch(r"\d+\.0", text) else text
+        labels.append(text if date is None else date.date().isoformat())
     return labels
 
 

@@ -65,12 +65,15 @@ class Account:
         Requests that are open when the day ends, and expire then.
     unused : dict of str to list of str
         Columns of each table that play no part.
+    notes : list of str
+        What else is to be told.
     """
 
     rows: dict[str, int]
     left_out: dict[str, Counter[str]] = field(default_factory=lambda: {"requests": Counter(), "workers": Counter()})
     cut: int = 0
     unused: dict[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
     def lines(self) -> list[str]:
         """Return what was left out, a line each; none if nothing was."""
@@ -84,7 +87,7 @@ class Account:
         for table, columns in self.unused.items():
             if columns:
                 told.append(f"the {table} table has columns that play no part: {', '.join(columns)}")
-        return told
+        return [*told, *self.notes]
 
     def forget(self) -> None:
         """Begin to count anew."""
@@ -158,7 +161,8 @@ def understood(
         utilities.
     """
     queue = flag("queue", queue, error=InstanceError)
-    requests, workers, features = frame("requests", requests), frame("workers", workers), list(features)
+    requests, workers = frame("requests", requests), frame("workers", workers)
+    features, more = list(map(str, features)), list(map(str, more))
     _need("requests", requests, ["arrival", "expiry", "reward", *features, *more], remedy)
     _need("workers", workers, ["joined|step", *more], remedy)
     named = [c for c in requests.columns if c.startswith(PREFIX) and len(c) > len(PREFIX)]
@@ -171,7 +175,7 @@ def understood(
         ("workers", workers, [*WORKERS, *more]),
     ):
         _once(table, own, [c for c in known if c in own])
-        _no_misspelling(table, own, known)
+        no_misspelling(table, own, known)
     account = Account({"requests": len(requests), "workers": len(workers)})
     used = {"requests": {*REQUESTS, *columns, *features, *more}, "workers": {*WORKERS, *more}}
     account.unused = {
@@ -282,6 +286,10 @@ def fields_of(
     if horizon is None:
         latest = [x.max(initial=0) for x in (steps.expiry, steps.worker, *([] if steps.seen is None else [steps.seen]))]
         horizon = int(max(latest)) + 1
+        if steps.clock is not None and horizon > MOST_STEPS:
+            raise InstanceError(
+                f"the tables span {horizon:,} steps of {steps.clock.step:g} s: take longer steps (step)"
+            )
         if steps.clock is not None and horizon * steps.clock.step > LONGEST_DAY:
             raise InstanceError(
                 f"the tables span {horizon * steps.clock.step / 86_400:.1f} days: name the column of days, or say how "
@@ -484,7 +492,7 @@ def _by_group(name: str, value: Any, tables: Tables, one: bool = False) -> Any:
     return np.full(len(tables.columns), array[0]) if array.size == 1 else array
 
 
-def _no_misspelling(table: str, own: pd.DataFrame, known: Sequence[str]) -> None:
+def no_misspelling(table: str, own: pd.DataFrame, known: Sequence[str]) -> None:
     """Refuse a column that nearly has the name of one that is not there: it would count as 0 in silence."""
     absent = [name for name in known if name not in own]
     for column in own.columns:

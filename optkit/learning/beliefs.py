@@ -30,6 +30,7 @@ def believed_requests(batch: Batch, preferences: Preferences | None = None) -> K
     if preferences is None:
         utility = batch.utility - _outside(batch)
     else:
+        preferences = preferences.of_instances(batch.instances)
         groups = np.arange(batch.groups)[:, None]
         utility = preferences.utility_of(batch.features, batch.pickup, batch.dropoff, groups)
     places = (batch.features, batch.pickup, batch.dropoff)
@@ -45,6 +46,7 @@ def believed_workers(batch: Batch, preferences: Preferences | None = None) -> Wo
         for one in batch.instances:
             mu[: one.n_groups] = one.mu
     else:
+        preferences = preferences.of_instances(batch.instances)
         mu = preferences.scale[preferences.model_of(np.arange(batch.groups))]
     within = np.arange(batch.horizon)[:, None] < np.array([one.horizon for one in batch.instances])
     return Workers(*locked((presence_after(batch.worker_at >= 0, within), share, mu)))

@@ -27,7 +27,10 @@ class OfferLog:
     True
     """
 
-    def __init__(self) -> None:
+    def __init__(self, instances: Sequence[Instance] = ()) -> None:
+        first = instances[0] if len(instances) else None
+        self._names = first.feature_names or () if first is not None else ()
+        self._group_names = first.group_names if first is not None else None
         self._parts: list[tuple[Ints | Floats, ...]] = []
         self._seen = 0
 
@@ -51,7 +54,9 @@ class OfferLog:
             raise InputError("no worker saw any request in these instances: there is nothing to log")
         columns = map(np.concatenate, zip(*self._parts, strict=True))
         situation, group, features, pickup, dropoff, compensation, chosen = columns
-        return Offers(situation, group, features, pickup, dropoff, compensation, chosen)
+        return Offers(
+            situation, group, features, pickup, dropoff, compensation, chosen, self._names, None, self._group_names
+        )
 
 
 def collect(instances: Sequence[Instance], policy: Policy) -> Offers:
@@ -82,6 +87,6 @@ def collect(instances: Sequence[Instance], policy: Policy) -> Offers:
     >>> log.n_situations >= log.n_choices > 0
     True
     """
-    log = OfferLog()
+    log = OfferLog([instances] if isinstance(instances, Instance) else instances)
     simulate(instances, policy, observe=log)
     return log.offers()

@@ -9,9 +9,10 @@ import numpy as np
 
 from optkit.basics.arrays import Floats, floats, ints, whole_number
 from optkit.basics.errors import InputError, InstanceError
-from optkit.instances.clock import Clock, at_time_of_day, instants, is_time
-from optkit.instances.frames import PREFIX, frame
+from optkit.instances.clock import Clock
+from optkit.instances.frames import PREFIX, REQUESTS, frame, no_misspelling
 from optkit.instances.instance import Instance
+from optkit.learning.moments import moment
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
 
@@ -54,21 +55,34 @@ def seen_by(
 ) -> OpenRequests:
     """Return the decision that a trained policy sees; see :meth:`optkit.learning.trained.Trained.price`."""
     table, told = frame("requests", requests), trained.source
+    believed = trained.preferences
+    if believed is not None and mu is not None:
+        raise InputError("mu is the policy's own, which has learned it: leave it out")
+    known = believed.attributes.names if believed is not None else None
+    features = list(told.get("feature_names") or known or [c for c in table.columns if c.startswith("feature_")])
+    number, names = _group(trained, group)
+    wanted = [f"{PREFIX}{name}" for name in names]
+    _need(table, ["reward", "expiry", *features])
+    no_misspelling("requests", table, [*REQUESTS, "request", "utility", *features, *wanted])
     clock = Clock(**told["clock"]) if "clock" in told else None
-    now = _now(step, time, clock)
-    horizon = int(told.get("horizon", 0)) or now + 1
+    horizon = int(told.get("horizon", 0))
+    if not horizon:
+        raise InputError(
+            "the policy does not say how many steps its days have: train it anew, or load it from its file"
+        )
+    now, expiry = moment(table["expiry"], step, time, clock, horizon)
     if not 0 <= now < horizon:
         raise InputError(f"step {now} is none of the {horizon} steps that the policy was trained on: 0..{horizon - 1}")
-    number, names = _group(trained, group)
+    gone = np.flatnonzero(expiry < now)
+    if gone.size:
+        raise InputError(
+            f"expiry in row {gone[0]} is step {expiry[gone[0]]}, before step {now}: leave out what has expired"
+        )
     groups = len(names)
     seen = np.arange(now - whole_number("busy", busy, least=1, most=now + 1) + 1, now + 1)
     n = len(table)
-    believed = trained.preferences
-    known = believed.attributes.names if believed is not None else None
-    features = list(told.get("feature_names") or known or [c for c in table.columns if c.startswith("feature_")])
-    _need(table, ["reward", "expiry", *features])
     day = Instance(
-        horizon=horizon, arrival=np.full(n, now), expiry=np.minimum(_expiry(table, clock, now), horizon - 1),
+        horizon=horizon, arrival=np.full(n, now), expiry=np.minimum(expiry, horizon - 1),
         reward=_numbers(table, "reward"), penalty=_numbers(table, "penalty", 0.0),
         features=np.column_stack([_numbers(table, name) for name in features]) if features else np.zeros((n, 0)),
         pickup=_places(table, "pickup"), dropoff=_places(table, "dropoff"),
@@ -76,10 +90,9 @@ def seen_by(
         worker_group=np.full(seen.size, number),
         utility=_utility(table, groups, names) if believed is None else np.zeros((groups, n)),
         mu=np.full(groups, 1.0 if mu is None else mu), noise=np.zeros((seen.size, n)),
-        outside_noise=np.zeros(seen.size),
+        outside_noise=np.zeros(seen.size), feature_names=tuple(features) or None,
+        group_names=tuple(names) if _named(trained) else None,
     )  # fmt: skip
-    if believed is not None and mu is not None:
-        raise InputError("mu is the policy's own, which has learned it: leave it out")
     one = np.zeros(1, np.int64)
     state = State(Batch.of(day), now, one, one, one + seen.size - 1, np.arange(n)[None], np.ones((1, n), bool))
     policy = trained.policy
@@ -95,20 +108,16 @@ def seen_by(
     )
 
 
-def _now(step: int | None, time: Any, clock: Clock | None) -> int:
-    if (step is None) == (time is None):
-        raise InputError("say at which step the requests are open, or at which time: one of them")
-    if step is not None:
-        return whole_number("step", step, least=0)
-    if clock is None:
-        raise InputError("the policy was trained on days that count steps: give a step in place of a time")
-    return clock.step_at(time)
+def _named(trained: Any) -> list[str]:
+    """Return what the groups are called, if anything."""
+    believed = trained.preferences
+    return list(trained.source.get("group_names") or (believed.group_names if believed is not None else None) or [])
 
 
 def _group(trained: Any, group: str | int | None) -> tuple[int, list[str]]:
     """Return the number of a group, and what all are called: numbers, if nothing else."""
     told, believed = trained.source, trained.preferences
-    names = list(told.get("group_names") or (believed.group_names if believed is not None else None) or [])
+    names = _named(trained)
     many = len(names) or int(told.get("groups", 0)) or (len(believed.scale) if believed is not None else 1)
     names = names or [str(d) for d in range(many)]
     if group is None:
@@ -121,30 +130,6 @@ def _group(trained: Any, group: str | int | None) -> tuple[int, list[str]]:
     if not number or not 0 <= int(group) < many:
         raise InputError(f"no group is called {group!r}; there are {', '.join(names)}")
     return int(group), names
-
-
-def _expiry(table: pd.DataFrame, clock: Clock | None, now: int) -> Any:
-    column = table["expiry"]
-    if len(column) and is_time(column):
-        if clock is None:
-            raise InputError("expiry holds times, and the policy was trained on days that count steps")
-        import pandas as pd
-
-        start, found = pd.Timestamp(clock.start), instants("expiry", column)
-        if (found.zone is None) != (start.tzinfo is None):
-            raise InputError(f"expiry and the start of the day, {clock.start}: both have a time zone, or neither")
-        first = pd.Timestamp(int(found.nanoseconds.min()), tz=None if found.zone is None else "UTC")
-        # The time of day at which days begin, on the date of these requests and by their own clock.
-        today = first if found.zone is None else first.tz_convert(found.zone)
-        begin = at_time_of_day(today, start.time().replace(microsecond=0).isoformat()).value
-        expiry = np.asarray(-((begin - found.nanoseconds) // round(clock.step * 1e9)) - 1)
-    else:
-        expiry = ints("expiry", column if len(column) else [], (len(column),))
-    gone = np.asarray(expiry) < now
-    if gone.any():
-        i = int(gone.argmax())
-        raise InputError(f"expiry in row {i} is step {expiry[i]}, before step {now}: leave out what has expired")
-    return expiry
 
 
 def _utility(table: pd.DataFrame, groups: int, names: list[str]) -> Floats:

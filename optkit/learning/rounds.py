@@ -212,7 +212,8 @@ def _outside(one: Instance, groups: int) -> Floats:
 
 def known_attributes(batch: Batch) -> Attributes:
     """Return attributes that know every place of every request, also of those that nobody has seen yet."""
-    names = tuple(f"feature_{f}" for f in range(batch.features.shape[1]))
+    names = batch.instances[0].feature_names if batch.instances else None
+    names = names or tuple(f"feature_{f}" for f in range(batch.features.shape[1]))
     return Attributes(names, int(batch.pickup.max(initial=0)) + 1, int(batch.dropoff.max(initial=0)) + 1)
 
 

@@ -8,9 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from optkit.basics.arrays import whole_number
 from optkit.basics.documents import read_document, write_document
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.version import __version__
+from optkit.instances.clock import Clock
+from optkit.instances.labels import names_of
 from optkit.learning.beliefs import BelievedValue
 from optkit.models.preferences.preferences import Preferences
 from optkit.models.pricing import optimal_prices
@@ -193,7 +198,7 @@ class Trained:
             if not math.isfinite(score := float(plain["score"])):
                 raise InputError(f"the score {score} is no number")
             more = (score, [dict(row) for row in plain["record"]], dict(plain["settings"]), list(plain["failures"]))
-            told = dict(plain.get("source", {}))
+            told = _source(plain.get("source", {}), value)
         except InputError:
             raise
         except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
@@ -201,3 +206,27 @@ class Trained:
         choice = TrueChoice() if preferences is None else preferences
         policy = PostDecisionPricing(choice=choice, value_function=BelievedValue(value, preferences))
         return cls(policy, value, preferences, *more, told)
+
+
+def _source(plain: dict[str, Any], value: SetValue) -> dict[str, Any]:
+    """Check what a file says of the days that were learned from, and that the value function is of as many steps.
+
+    Raises
+    ------
+    InputError
+        If it says something that cannot be.
+    """
+    told, rows = dict(plain), np.asarray(getattr(value, "coef_", 0.0))
+    steps = len(rows) if rows.ndim == 2 else None
+    if "horizon" in told:
+        horizon = whole_number("horizon", told["horizon"], least=1)
+        if steps not in (None, horizon):
+            raise InputError(f"horizon = {horizon}, and the value function is of {steps} steps")
+    elif steps is not None:
+        told["horizon"] = steps
+    if "clock" in told:
+        Clock(**told["clock"])
+    for name in ("group_names", "feature_names"):
+        if name in told:
+            names_of(name, told[name], len(told[name]))
+    return told

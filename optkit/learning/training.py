@@ -266,7 +266,7 @@ class _Course:
         for k, deviation in enumerate(settings.deviations):
             started = time.perf_counter()
             today = Batch.of(another_day(self.batch.instances, seed, 500 + k)) if offers is not None else self.batch
-            last, log = _Waiting(today), OfferLog()
+            last, log = _Waiting(today), OfferLog(today.instances)
             watch = last if offers is None else lambda *seen, a=last, b=log: (a(*seen), b(*seen))
             simulate(today, Explore(policy, deviation, seed=seed + k), observe=watch)
             if offers is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +63,9 @@ def performance_ratio(
     """
     flag("in_the_mean", in_the_mean)
     given = {"reward": reward, "full_information": full_information, "total_penalty": total_penalty}
+    labels: list[Any] = [getattr(x, "index", None) for x in given.values() if hasattr(x, "loc")]
+    if any(not one.equals(labels[0]) for one in labels):
+        raise InputError("reward, full_information and total_penalty have different labels: bring them into one order")
     earned, best, least = (np.atleast_1d(real(name, x)) for name, x in given.items())
     if not earned.shape == best.shape == least.shape:
         raise InputError(
@@ -155,12 +158,20 @@ def mean_interval(
     real("values less baseline", x)
     if not 0 < number("confidence", confidence) < 1:
         raise InputError(f"confidence = {confidence} is not between 0 and 1")
-    mean = float(x.mean())
     if x.size == 1:
-        return MeanInterval(mean, float("nan"), float("nan"), float("nan"), 1)
-    std = float(x.std(ddof=1))
-    half = float(stdtrit(x.size - 1, 0.5 + confidence / 2) * std / np.sqrt(x.size))
-    return MeanInterval(mean, std, mean - half, mean + half, x.size)
+        return MeanInterval(float(x[0]), float("nan"), float("nan"), float("nan"), 1)
+    # By a power of two, which rounds nothing: squares of small numbers would be 0, and of large ones infinite.
+    unit = int(np.frexp(np.abs(x).max())[1])
+    scaled = np.ldexp(x, -unit)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused
+        mean, std = float(np.ldexp(scaled.mean(), unit)), float(np.ldexp(scaled.std(ddof=1), unit))
+        half = float(stdtrit(x.size - 1, 0.5 + confidence / 2) * std / np.sqrt(x.size))
+    found = MeanInterval(mean, std, mean - half, mean + half, x.size)
+    if not np.isfinite([mean, std, half, found.low, found.high]).all():
+        raise InputError(
+            f"the interval comes to {found.low} to {found.high}: the values or the confidence are too large"
+        )
+    return found
 
 
 def check_finite(what: str, table: pd.DataFrame, unknown: Collection[str] = ()) -> None:

@@ -96,6 +96,7 @@ REFUSED = {
         (*MAP, "--step=15s", "--day-column=date", "--mu=bike=1"),
         "mu is given for bike, .* groups are bike, car",
     ),
+    "twice a mu": ((*MAP, "--mu=bike=1,bike=2"), "gives a group twice"),
     "no mu": ((*MAP, "--mu=some"), "--mu some is neither a number"),
     "no time": ((*MAP, "--step=15s", "--day-column=date", "--start=noon"), "start = 'noon' is no time"),
     "no feature": ((*MAP, "--features=miles"), "--features miles: .* has no column 'miles'"),

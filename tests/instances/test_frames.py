@@ -324,3 +324,50 @@ def test_a_notebook_shows_one_screen():
     day = made(requests(request_id=["<b>", "b", "c"]))
     assert "&lt;b&gt;" in day._repr_html_()
     assert "<b>" not in day._repr_html_()
+
+
+def test_lengths_and_times_that_were_misread():
+    """A bare number is seconds, in text too; an hour that does not exist; billions of steps."""
+    assert made(step="15") == made(step=15) == made()
+    for start in ("25:00", "24:00", "08:61"):
+        with pytest.raises(InstanceError, match="no time of day"):
+            made(start=start)
+    with pytest.raises(InstanceError, match="take longer steps"):
+        made(step="1us", start=None)
+
+
+def test_a_day_with_two_offsets_begins_by_its_first():
+    """In the night in which clocks change, text with offsets gives what a time zone gives."""
+    times = ["2026-03-29T01:10:00+01:00", "2026-03-29T03:10:00+02:00"]
+    ends = ["2026-03-29T03:30:00+02:00", "2026-03-29T04:30:00+02:00"]
+    found = []
+    for zone in (None, "Europe/Berlin"):
+        asked = pd.DataFrame({"date": "2026-03-29", "arrival": times, "expiry": ends, "reward": 9.0, "utility": 0.0})
+        came = pd.DataFrame({"date": ["2026-03-29"], "joined": ["2026-03-29T01:40:00+01:00"]})
+        if zone is not None:
+            for table, name in ((asked, "arrival"), (asked, "expiry"), (came, "joined")):
+                table[name] = pd.to_datetime(table[name], utc=True).dt.tz_convert(zone)
+        found.append(days_from_frames(asked, came, day="date", start="01:00", step="15min")["2026-03-29"])
+    assert found[0].arrival.tolist() == found[1].arrival.tolist() == [0, 4]
+    assert found[0].worker_joined.tolist() == found[1].worker_joined.tolist() == [2]
+
+
+def test_days_are_called_alike_in_both_tables():
+    """1, 1.0 and "1.0" are one day; days in one table only are told."""
+    asked = pd.DataFrame({"date": [1, 2], "arrival": 0, "expiry": 2, "reward": 9.0, "utility": 0.0})
+    for days in ([1.0, 2.0], ["1.0", "2.0"], ["1", "2"]):
+        assert [
+            one.n_workers
+            for one in days_from_frames(asked, pd.DataFrame({"date": days, "joined": 0}), day="date").values()
+        ] == [1, 1]
+    with pytest.warns(
+        LeftOutWarning, match="1 days have requests and no workers: 1; 1 days have workers and no requests: 7"
+    ):
+        days_from_frames(asked, pd.DataFrame({"date": [2, 7], "joined": 0}), day="date")
+
+
+def test_columns_may_be_called_by_numbers():
+    """Of days and of features too."""
+    asked = pd.DataFrame({0: ["a"], 3: [1.5], "arrival": 0, "expiry": 2, "reward": 9.0, "utility": 0.0})
+    day = days_from_frames(asked, pd.DataFrame({0: ["a"], "joined": 0}), day=0, features=[3])["a"]
+    assert day.features.tolist() == [[1.5]]

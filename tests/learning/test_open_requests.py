@@ -89,3 +89,20 @@ def test_what_cannot_be_priced_is_said(trained):
     again = trained.price(table.assign(expiry=times), **more)
     pd.testing.assert_frame_equal(again, trained.price(table, **more))
     assert np.isfinite(again["compensation"]).all()
+
+
+@pytest.mark.slow
+def test_a_file_without_its_horizon(trained, tmp_path):
+    """The value function knows how many steps there are; what disagrees with it, or is no number, is refused."""
+    step, _, table, *_ = next(iter(moments(trained, 1)))
+    plain = trained.to_dict()
+    bare = Trained.from_dict(plain | {"source": {k: v for k, v in plain["source"].items() if k != "horizon"}})
+    pd.testing.assert_frame_equal(bare.price(table, step=step, group="a"), trained.price(table, step=step, group="a"))
+    for horizon in (11, 13, "q", None, [1], 12.5, True):
+        with pytest.raises(InputError, match="horizon"):
+            Trained.from_dict(plain | {"source": plain["source"] | {"horizon": horizon}})
+    for change in ({"clock": "x"}, {"clock": {"start": "noon", "step": 1.0}}, {"group_names": ["a", "a", "b"]}):
+        with pytest.raises(InputError):
+            Trained.from_dict(plain | {"source": plain["source"] | change})
+    with pytest.raises(InputError, match="how many steps"):
+        replace(trained, source={"group_names": ["a", "b", "c"]}).price(table, step=step, group="a")

@@ -1,6 +1,7 @@
 """Performance ratios and confidence intervals, by hand and against SciPy."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -183,3 +184,25 @@ def test_the_largest_floats_have_the_ratio_of_small_ones():
             performance_ratio(*(x[0] for x in shares)).tolist()
             == performance_ratio([-1.0, 0.0, 0.4], [1.0, 1.0, 0.9], [-1.0, -1.0, -0.9]).tolist()
         )
+
+
+@pytest.mark.parametrize("unit", [1e-300, 1e-170, 1e-12, 1.0, 1e150, 1e300])
+def test_an_interval_in_any_unit(unit):
+    """Squares neither vanish nor overflow: the interval is that of the same numbers in another unit."""
+    one, other = mean_interval([1.0, 5.0, 9.0, 2.0]), mean_interval(np.array([1.0, 5.0, 9.0, 2.0]) * unit)
+    for name in ("mean", "std", "low", "high"):
+        assert getattr(other, name) / unit == pytest.approx(getattr(one, name), rel=1e-12)
+
+
+def test_an_interval_beyond_floats_is_refused():
+    for values, confidence in (([1.7e308, -1.7e308, 1.0], 0.95), ([1.0, 2.0], 1 - 2**-53)):
+        with pytest.raises(InputError, match="too large"):
+            mean_interval(values, confidence=confidence)
+
+
+def test_labels_in_another_order_are_no_instances():
+    """Rewards and bounds of other labels are refused, not taken by place."""
+    reward, bound = pd.Series({"mon": 10.0, "tue": 50.0}), pd.Series({"tue": 60.0, "mon": 80.0})
+    with pytest.raises(InputError, match="different labels"):
+        performance_ratio(reward, bound, [0.0, 0.0])
+    assert performance_ratio(reward, bound[["mon", "tue"]], [0.0, 0.0]).round(1).tolist() == [12.5, 83.3]

@@ -12,17 +12,22 @@ the delta method carries the covariance of theta to that of (w, mu) (``docs/expl
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, flag, read_document, real, write_document
+from optkit.basics.arrays import Floats, Ints, flag, read_document, real, whole_number, write_document
 from optkit.basics.errors import DataError, InputError
 from optkit.models.preferences.attributes import Attributes
 
 FORMAT, VERSION = "optkit preferences", 1
+
+MOST_PLACES = 10_001
+"""Places that a log of offers may number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +69,13 @@ class Preferences:
             raise InputError(f"weights {np.shape(self.weights)} do not fit {len(self.attributes.columns)} columns")
         if not (np.isfinite(self.weights).all() and np.isfinite(self.scale).all() and (self.scale > 0).all()):
             raise InputError("preferences must be finite, and every mu positive")
+        if self.pooled and G != 1:
+            raise InputError(f"pooled preferences have one model for all groups, and there are {G}")
+        if self.covariance:
+            if len(self.covariance) != G or any(np.shape(one) != (p + 1, p + 1) for one in self.covariance):
+                raise InputError(f"covariance needs {G} matrices of {p + 1} by {p + 1}, one for each model")
+            if not all(np.isfinite(one).all() and (np.diag(one) >= 0).all() for one in self.covariance):
+                raise InputError("covariance has a negative variance, or entries that are no numbers")
         if self.group_names is not None and not self.pooled and len(self.group_names) != G:
             raise InputError(f"{len(self.group_names)} names of groups for {G} models")
 
@@ -101,16 +113,72 @@ class Preferences:
         C = self.covariance[int(self.model_of(np.array([group]))[0])][:-1, :-1]
         return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", x, C, x)))
 
+    def called(self, groups: Sequence[str] | None, features: Sequence[str] | None) -> Preferences:
+        """Return these preferences with groups and features in the order of such names; as they are without names.
+
+        Parameters
+        ----------
+        groups, features : sequence of str or None
+            What the instances call them.
+
+        Raises
+        ------
+        InputError
+            If a group or a feature has a name that these preferences do not know.
+        """
+        mine = (
+            None if all(re.fullmatch(r"feature_\d+", name) for name in self.attributes.names) else self.attributes.names
+        )
+        order, columns = np.arange(len(self.scale)), np.arange(len(self.attributes.columns))
+        if groups is not None and self.group_names is not None and not self.pooled:
+            order = _places("groups", self.group_names, groups)
+        names = self.attributes.names
+        if features is not None and mine is not None:
+            found = _places("features", mine, features)
+            if found.size != len(mine):
+                raise InputError(
+                    f"the preferences know the features {', '.join(mine)}, and there are {', '.join(features)}"
+                )
+            columns, names = np.concatenate([found, columns[found.size :]]), tuple(features)
+        same = order.size == len(self.scale) and (order == np.arange(order.size)).all()
+        if same and (columns == np.arange(columns.size)).all():
+            return self
+        both = np.append(columns, columns.size)  # mu comes last
+        covariance = tuple(self.covariance[g][np.ix_(both, both)] for g in order) if self.covariance else ()
+        called = None if self.group_names is None else tuple(self.group_names[g] for g in order)
+        return Preferences(
+            replace(self.attributes, names=names), self.weights[np.ix_(order, columns)], self.scale[order], covariance,
+            self.pooled, group_names=called if not self.pooled else self.group_names,
+        )  # fmt: skip
+
+    def of_instances(self, instances: Sequence[Any]) -> Preferences:
+        """Return these preferences as instances call groups and features; see :meth:`called`.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, or instances differ in their names.
+        """
+        names = {(one.group_names, one.feature_names) for one in instances}
+        if len(names) > 1:
+            raise InputError("the instances call groups or features differently: price them apart")
+        return self if not names else self.called(*names.pop())
+
+    def _seen_in(self, state: Any) -> Preferences:
+        batch = getattr(state, "batch", None)
+        return self if batch is None else self.of_instances(getattr(batch, "instances", ()))
+
     # The choice model's protocol; a state is optkit.simulation.state.State or anything with the same arrays.
     def utility(self, state: Any) -> Floats:
         """Believed mean utility of each open request to the worker, (b, w), money."""
         safe_pickup = np.where(state.offered, state.pickup, 0)
         safe_dropoff = np.where(state.offered, state.dropoff, 0)
-        return self.utility_of(state.features, safe_pickup, safe_dropoff, state.group[:, None])
+        return self._seen_in(state).utility_of(state.features, safe_pickup, safe_dropoff, state.group[:, None])
 
     def mu(self, state: Any) -> Floats:
         """Believed noise scale of each worker, (b,), money."""
-        return np.asarray(self.scale[self.model_of(state.group)])
+        own = self._seen_in(state)
+        return np.asarray(own.scale[own.model_of(state.group)])
 
     def outside_utility(self, state: Any) -> Floats:
         """Zeros, (b,): utilities are relative to rejecting."""
@@ -136,12 +204,15 @@ class Preferences:
         """
         try:
             columns = dict(plain["attributes"])
+            for place in ("pickups", "dropoffs"):
+                whole_number(place, columns.get(place, 1), least=1, most=MOST_PLACES)
             attributes = Attributes(tuple(columns.pop("names")), **columns)
             weights, scale = (real(name, plain[name]) for name in ("weights", "scale"))
             covariance = tuple(real("covariance", one, accept="any") for one in plain["covariance"])
             named = plain.get("group_names")
             called = None if named is None else tuple(map(str, named))
-            return cls(attributes, weights, scale, covariance, bool(plain["pooled"]), group_names=called)
+            pooled = flag("pooled", plain["pooled"])
+            return cls(attributes, weights, scale, covariance, pooled, group_names=called)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"preferences cannot be read: {error}") from None
 
@@ -195,6 +266,14 @@ class Preferences:
                 rows.append({"group": label, "parameter": name, "estimate": value})
                 rows[-1]["standard_error"] = se
         return pd.DataFrame(rows)
+
+
+def _places(what: str, mine: Sequence[str], theirs: Sequence[str]) -> Ints:
+    """Return where each of their names stands among mine."""
+    strange = [name for name in theirs if name not in mine]
+    if strange:
+        raise InputError(f"the preferences know the {what} {', '.join(mine)}, and not {', '.join(strange)}")
+    return np.array([list(mine).index(name) for name in theirs], dtype=np.int64)
 
 
 def from_index(a: Floats, b: float, covariance: Floats) -> tuple[Floats, float, Floats]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Bools, Floats
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions, Given, largest
@@ -23,6 +23,11 @@ __all__ = ["PriceCertificate", "Pricing", "certify", "optimal_prices"]
 
 FINEST = 2.0**52
 """Value or profit in units of mu from which a price, the value less the markup, is rounded by mu or more."""
+
+
+FAR, LOST = 2.0**16, 2.0**42
+"""Utilities less that of rejecting, in units of mu, from which what is taken is worked out from differences among the
+requests, and from which these are lost in rounding."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +165,10 @@ def optimal_prices(
         profit = (acceptance * (d.value - compensation)).sum(axis=1, keepdims=True)
     if d.offered is not None:
         compensation = np.where(d.offered, compensation, 0.0)
+    far = _far(d, acceptance)
+    if far.any():
+        acceptance, rejection, profit = np.array(acceptance), np.array(rejection).reshape(-1, 1), np.array(profit)
+        acceptance[far], rejection[far], profit[far] = _taken(given.rows(np.flatnonzero(far)), compensation[far])
     n = compensation.shape[1]
     return Pricing(
         compensation=compensation.reshape(*d.shape, n),
@@ -168,6 +177,40 @@ def optimal_prices(
         markup=markup.reshape(d.shape)[()],
         profit=profit.reshape(d.shape)[()],
     )
+
+
+def _far(d: Decisions, acceptance: Floats) -> Bools:
+    """Which decisions, (S,), have utilities in play so far from the outside option that their differences lose digits.
+
+    Raises
+    ------
+    InputError
+        If no digits are left.
+    """
+    if largest(d.logit) <= FAR:
+        return np.zeros(len(d.value), bool)
+    size = np.where(acceptance > 1e-12, np.abs(d.logit), 0.0)
+    lost = size > LOST
+    if lost.any():
+        s, i = np.argwhere(lost)[0]
+        raise InputError(
+            f"the utility of request {i} is {size[s, i]:.2g} times mu = {d.mu[s, 0]:g} away from the outside utility: "
+            "floats leave no room for differences among requests; a tenth of that says as much"
+        )
+    return np.asarray((size > FAR).any(axis=1))
+
+
+def _taken(given: Given, compensation: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return acceptance (S, n), rejection and profit (S, 1) of prices, by differences to what is liked most."""
+    shown = np.ones(compensation.shape, bool) if given.offered is None else given.offered
+    liked = np.where(shown, given.utility + compensation, -np.inf)
+    outside = np.broadcast_to(given.outside_utility, given.mu.shape)
+    top = np.maximum(liked.max(axis=1, keepdims=True), outside)
+    weight, none = np.exp((liked - top) / given.mu), np.exp((outside - top) / given.mu)
+    total = weight.sum(axis=1, keepdims=True) + none
+    share = weight / total
+    profit = (share * np.where(shown, given.money - compensation, 0.0)).sum(axis=1, keepdims=True)
+    return share, none / total, profit
 
 
 def _fine_enough(d: Decisions, found: closed_form.Solution) -> None:

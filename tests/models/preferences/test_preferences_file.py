@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from optkit.basics.documents import write_document
 from optkit.basics.errors import DataError
 from optkit.models.preferences.fit import fit_preferences
 from optkit.models.preferences.offers import Offers
@@ -63,3 +64,21 @@ def test_a_file_comes_back(log, tmp_path):
             Preferences.load(path)
     with pytest.raises(DataError, match="cannot be read"):
         Preferences.load(tmp_path / "none.json")
+
+
+def test_a_sealed_file_may_say_what_cannot_be(log, tmp_path):
+    """With a right digest, too: each entry is checked, and refused in one line."""
+    found = fit_preferences(Offers.from_frame(log))
+    plain, C = found.to_document(), np.asarray(found.covariance)
+    wrong = [
+        {"pooled": "false"}, {"pooled": 0}, {"pooled": True}, {"covariance": (-C).tolist()},
+        {"covariance": C[:1].tolist()},
+        {"covariance": C[:, :-1].tolist()}, {"covariance": [[None] * 3] * 2}, {"scale": [1.0]}, {"scale": [0.0, 1.0]},
+        {"weights": [[None, 1.0]] * 2}, {"attributes": {**plain["attributes"], "pickups": 10**12}},
+        {"attributes": {**plain["attributes"], "dropoffs": True}}, {"group_names": ["a"]},
+    ]  # fmt: skip
+    for change in wrong:
+        write_document(tmp_path / "p.json", plain | change, "preferences")
+        with pytest.raises(DataError) as caught:
+            Preferences.load(tmp_path / "p.json")
+        assert "\n" not in str(caught.value), change

@@ -401,3 +401,30 @@ def test_prices_as_a_table():
     assert many.to_frame()["decision"].tolist() == np.repeat(np.arange(300), 3).tolist()
     assert 11 <= many._repr_html_().count("<tr") <= 13
     assert "300 decisions" in many._repr_html_()
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("far", [1e3, 1e6, 1e9, 1e12])
+@pytest.mark.parametrize("mu", [1.0, 30.0])
+def test_who_must_take_something(seed, far, mu):
+    """However unwelcome rejecting is, what is said of prices is what their certificate says, not above its bound."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 6))
+    value, utility = rng.uniform(-20, 100, n), rng.uniform(-5, 5, n)
+    found = optimal_prices(value, utility, mu, outside_utility=-far)
+    proof = certify(found.compensation, value, utility, mu, outside_utility=-far)
+    assert proof.optimal
+    assert found.profit == pytest.approx(proof.profit, rel=1e-10, abs=1e-10)
+    assert found.profit <= proof.bound + 1e-10 * (mu + abs(proof.bound))
+    assert found.acceptance.sum() + found.rejection == pytest.approx(1.0, abs=1e-12)
+    many = optimal_prices(np.tile(value, (3, 1)), utility, mu, outside_utility=[-far, 0.0, -far])
+    assert many.profit[[0, 2]] == pytest.approx(float(found.profit), rel=1e-12)
+    assert many.profit[1] == pytest.approx(float(optimal_prices(value, utility, mu).profit), rel=1e-12)
+
+
+@pytest.mark.parametrize("far", [1e13, 1e17, 1e20])
+def test_utilities_without_digits_are_refused(far):
+    """Where differences among requests are lost, but not for a request that nobody takes."""
+    with pytest.raises(InputError, match="away from the outside utility"):
+        optimal_prices([100.0, 90.0], [-5.0, 3.0], 1.0, outside_utility=-far)
+    assert optimal_prices([100.0, 90.0], [-5.0, -far], 1.0).acceptance[1] == 0.0
