@@ -89,13 +89,13 @@ def evaluate(
 
 
 def _instances(opened: Scenario | Path, source: str, part: str) -> list[Instance]:
-    from optkit.instances.splits import PARTS, has_parts, read_split
+    from optkit.instances.splits import PARTS, has_parts, read_split, realised
     from optkit.instances.storage import load_instances
 
     if part not in (*PARTS, "all"):
         raise InputError(f"--part {part} is unknown; there are {', '.join(PARTS)} and all")
     if part == "all" and isinstance(opened, Path) and not has_parts(opened):
-        found = load_instances(opened)
+        found, _ = realised(load_instances(opened), len(PARTS))
     else:
         split = read_split(opened)[0] if isinstance(opened, Path) else opened.split()
         found = [one for each in split for one in each] if part == "all" else getattr(split, part)

@@ -56,9 +56,9 @@ def read_split(folder: Path) -> tuple[Split, dict[str, Any]]:
     """
     if has_parts(folder):
         sets = {part: folder / part for part in PARTS if (folder / part).is_dir()}
-        parts = [_realised(load_instances(sets[part]), k) if part in sets else ([], 0) for k, part in enumerate(PARTS)]
+        parts = [realised(load_instances(sets[part]), k) if part in sets else ([], 0) for k, part in enumerate(PARTS)]
         return Split(*(part for part, _ in parts)), _origin(folder, sets, sum(drawn for _, drawn in parts))
-    instances, drawn = _realised(load_instances(folder), len(PARTS))
+    instances, drawn = realised(load_instances(folder), len(PARTS))
     origin = _origin(folder, {"set": folder}, drawn)
     n = len(instances)
     if n < 2:
@@ -94,7 +94,7 @@ def read_apart(folder: Path, train: Path) -> tuple[Split, dict[str, Any]]:
     if has_parts(train):
         other = {part: train / part for part in ("train", "validation") if (train / part).is_dir()}
     sets = {**other, "test": tested}
-    parts = {part: _realised(load_instances(place), 4 + PARTS.index(part)) for part, place in sets.items()}
+    parts = {part: realised(load_instances(place), 4 + PARTS.index(part)) for part, place in sets.items()}
     days = {part: parts.get(part, ([], 0))[0] for part in PARTS}
     known = {_bare_digest(one) for one in (*days["train"], *days["validation"]) if one.n_requests}
     both = sum(_bare_digest(one) in known for one in days["test"])
@@ -107,7 +107,7 @@ def _bare_digest(one: Instance) -> bytes:
     return exact_digest([replace(one, noise=None, outside_noise=None)])
 
 
-def _realised(instances: list[Instance], part: int) -> tuple[list[Instance], int]:
+def realised(instances: list[Instance], part: int) -> tuple[list[Instance], int]:
     """Return instances with noise, and for how many it had to be drawn."""
     moods = stream(0, Stream.FOLDER_NOISE, part).spawn(len(instances))
     bare = [one.noise is None for one in instances]

@@ -17,6 +17,11 @@ from optkit.simulation.state import State
 class OfferLog:
     """An observer of simulations that logs what was offered and taken.
 
+    Parameters
+    ----------
+    instances : sequence of Instance
+        Those that are simulated, whose names of groups and features the log takes over; without them it has none.
+
     Examples
     --------
     >>> from optkit import scenario, simulate

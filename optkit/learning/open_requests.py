@@ -12,6 +12,7 @@ from optkit.basics.errors import InputError, InstanceError
 from optkit.instances.clock import Clock
 from optkit.instances.frames import PREFIX, REQUESTS, frame, no_misspelling
 from optkit.instances.instance import Instance
+from optkit.instances.labels import identifiers
 from optkit.learning.moments import moment
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
@@ -73,6 +74,10 @@ def seen_by(
     now, expiry = moment(table["expiry"], step, time, clock, horizon)
     if not 0 <= now < horizon:
         raise InputError(f"step {now} is none of the {horizon} steps that the policy was trained on: 0..{horizon - 1}")
+    if not len(table):
+        raise InputError("there are no requests to price")
+    called = next((table[name].to_numpy(dtype=object) for name in ("request_id", "request") if name in table), None)
+    named = range(len(table)) if called is None else identifiers("request_id", called, len(table))
     gone = np.flatnonzero(expiry < now)
     if gone.size:
         raise InputError(
@@ -99,7 +104,7 @@ def seen_by(
     value = policy.value(state)[0]
     spared = np.where(state.expiring, state.penalty, 0.0)[0]
     return OpenRequests(
-        names=[str(x) for x in _column(table, "request_id", "request", default=range(n))],
+        names=[str(x) for x in named],
         value=value,
         utility=np.asarray(policy.choice.utility(state))[0],
         opportunity_cost=state.reward[0] - spared - value,
@@ -160,7 +165,3 @@ def _numbers(table: pd.DataFrame, name: str, default: float | None = None) -> Fl
 
 def _places(table: pd.DataFrame, name: str) -> Any:
     return ints(name, table[name], (len(table),)) if name in table else np.zeros(len(table), np.int64)
-
-
-def _column(table: pd.DataFrame, *names: str, default: Any) -> list[Any]:
-    return list(next((table[name] for name in names if name in table), default))

@@ -80,6 +80,9 @@ def test_the_next_verb_takes_it(tmp_path):
     optkit("instances", orders, couriers, *MAP, *more, check=0)
     told = strict(optkit("certify", tmp_path / "days", "--kinds", "full", "--json", check=0).stdout)
     assert told["policies"]
+    optkit("train", tmp_path / "days", "--choice", "true", "--out", tmp_path / "policy.json", "--quiet", check=0)
+    for part in ("test", "all"):
+        optkit("evaluate", tmp_path / "policy.json", tmp_path / "days", "--part", part, "--json", check=0)
 
 
 REFUSED = {

@@ -35,7 +35,9 @@ def test_open_requests_are_priced(policy, tmp_path):
     assert [row["request"] for row in told["requests"]] == ["007", "7"]
     assert told["certificates"]["prices"]["optimal"]
     assert (told["mu"], told["mu_is"]) == (2.0, "as given")
-    found = Trained.load(policy).price(pd.read_csv(tmp_path / "open.csv"), time="08:01:40", group="car", mu=2)
+    found = Trained.load(policy).price(
+        pd.read_csv(tmp_path / "open.csv", dtype={"request": str}), time="08:01:40", group="car", mu=2
+    )
     assert [row["compensation"] for row in told["requests"]] == pytest.approx(found["compensation"].tolist(), rel=1e-12)
     assert "priced as one decision of 2 requests; mu 2.0000 as given" in optkit(*words, check=0).stdout
 

@@ -70,6 +70,8 @@ def test_what_cannot_be_priced_is_said(trained):
         (table.drop(columns="x1"), more, "no column 'x1'"),
         (table.drop(columns="reward"), more, "no column 'reward'"),
         (table.assign(expiry=step - 1), more, "leave out what has expired"),
+        (table.iloc[:0], more, "no requests to price"),
+        (pd.concat([table, table]), more, "is that of row 0 too"),
         (table, {"step": step}, "of which group the worker is: a, b, c"),
         (table, {"step": step, "group": "d"}, "no group is called 'd'"),
         (table, {"group": "a"}, "at which step .* or at which time"),
