@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 import operator
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import fields
 from decimal import Decimal
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,8 @@ from optkit.basics.errors import InputError, OptkitError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import pandas as pd
 
     from optkit.basics.tables.table import Table
 
@@ -341,6 +343,89 @@ def _names(kind: type) -> tuple[str, ...]:
     if kind not in _NAMES:
         _NAMES[kind] = tuple(field.name for field in fields(kind))
     return _NAMES[kind]
+
+
+def check_finite(what: str, table: pd.DataFrame, unknown: Collection[str] = ()) -> None:
+    """Refuse a result that holds NaN or infinity: nobody could tell what it claims.
+
+    :class:`Known` lets every table of a result through here; so do results with rules of their own.
+
+    Parameters
+    ----------
+    what : str
+        What the table is, in words.
+    table : DataFrame
+        Its columns of numbers are looked at.
+    unknown : collection of str
+        Columns whose entries may be lacking, as the result's own docstring says.
+
+    Raises
+    ------
+    InputError
+        That names the first entry.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> check_finite("gaps", pd.DataFrame({"money": [1.0, 2.0], "claim": [0.5, float("nan")]}), ["claim"])
+    """
+    for name, column in table.items():
+        if name in unknown or column.dtype.kind != "f" or np.isfinite(column.to_numpy()).all():
+            continue
+        row = int((~np.isfinite(column.to_numpy())).argmax())
+        whose = next((f" of {table[label].iloc[row]}" for label in ("policy", "kind") if label in table), "")
+        raise InputError(
+            f"{what}: {name}{whose} comes to {column.iloc[row]}: amounts are too large to be added up; "
+            "look at the policy's offers and the instances' rewards, or take a larger unit of money"
+        )
+
+
+class Known:
+    """Base of frozen dataclasses that are results: what stands there as a number, is one.
+
+    This is the one place where results are looked at for NaN. ``lacking`` names the attributes that may hold it, and
+    the class's docstring says what it means there. A certificate is a claim, and may hold anything: its check refuses.
+
+    Raises
+    ------
+    InputError
+        When the result is made.
+
+    Examples
+    --------
+    >>> from optkit.bounds.bound import SolverRecord
+    >>> SolverRecord("by hand", "done", seconds=float("nan"))
+    Traceback (most recent call last):
+    ...
+    optkit.basics.errors.InputError: seconds of SolverRecord comes to NaN: amounts are too large for what is ...
+    """
+
+    lacking: ClassVar[Collection[str]] = ()
+
+    def columns_lacking(self, table: str) -> Collection[str]:
+        """Columns of a table that may hold NaN or infinity."""
+        return ()
+
+    def __post_init__(self) -> None:
+        for name in _names(type(self)):
+            value = getattr(self, name)
+            if hasattr(value, "columns"):
+                check_finite(name, value, self.columns_lacking(name))
+            elif name not in self.lacking and _holds_nan(value):
+                raise InputError(
+                    f"{name} of {type(self).__name__} comes to NaN: amounts are too large for what is worked out from "
+                    "them, or not numbers; take a larger unit of money"
+                )
+        getattr(super(), "__post_init__", lambda: None)()
+
+
+def _holds_nan(value: Any) -> bool:
+    """Whether there is NaN in a number, an array, or several of these."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind == "f" and value.size > 0 and math.isnan(value.min())
+    if isinstance(value, float):
+        return math.isnan(value)
+    return isinstance(value, tuple) and any(map(_holds_nan, value))
 
 
 class ReadOnlyArrays:

@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from optkit.basics.arrays import Known
 from optkit.basics.errors import OptkitError, SolverError
 
 ROUNDING = 1e-9
@@ -17,7 +18,7 @@ EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Known):
     """The outcome of checking a certificate against an instance, without trusting whoever made it.
 
     Attributes
@@ -111,7 +112,7 @@ def prove(bound: Bound, subject: Any) -> Verdict:
 
 
 @dataclass(frozen=True)
-class SolverRecord:
+class SolverRecord(Known):
     """How a bound was found.
 
     Attributes

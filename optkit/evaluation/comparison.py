@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, check_finite
 from optkit.basics.errors import InputError
 from optkit.bounds import Bound
 from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
-from optkit.simulation.metrics import check_finite, mean_interval, performance_ratio
+from optkit.simulation.metrics import mean_interval, performance_ratio
 from optkit.simulation.simulator import Policy, simulate
 
 if TYPE_CHECKING:

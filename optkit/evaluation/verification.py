@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, check_finite
 from optkit.basics.errors import InputError, SolverError
 from optkit.instances.instance import Instance
 from optkit.models.pricing import certify, optimal_prices
 from optkit.models.pricing_program import PricingProgram
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
-from optkit.simulation.metrics import check_finite
 from optkit.simulation.simulator import simulate
 from optkit.simulation.state import State
 

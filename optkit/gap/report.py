@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import flag, number, whole_number
+from optkit.basics.arrays import Known, flag, number, whole_number
 from optkit.basics.errors import InputError, SolverError
 from optkit.basics.keeper import Form, KeptRows
 from optkit.basics.memory import check_memory
@@ -39,7 +39,6 @@ from optkit.learning.worker_rates import WorkerRates
 from optkit.models.value.request_sets import SetValue
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
-from optkit.simulation.metrics import check_finite
 from optkit.simulation.simulator import Policy, simulate
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ REDRAWS = 256
 
 
 @dataclass(frozen=True)
-class GapReport:
+class GapReport(Known):
     """How far policies are from optimal.
 
     All numbers are finite but for these, which are NaN: half-widths, ends of intervals and claims of one instance;
@@ -113,10 +112,10 @@ class GapReport:
     confidence: float
     refused: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
+    def columns_lacking(self, table: str) -> list[str]:
+        """Columns of a table that may hold NaN, as said above."""
         points = [*POINTS] if self.gaps["points"].isna().all() else []
-        for name in ("bounds", "policies", "gaps", "rows"):
-            check_finite(name, getattr(self, name), ["smallest", *points, *(SPREADS if len(self.rows) == 1 else [])])
+        return ["smallest", *points, *(SPREADS if len(self.rows) == 1 else [])]
 
     @property
     def best_bound(self) -> str:

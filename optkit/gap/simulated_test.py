@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, Known
 
 DRAWS = 999
 """Simulated data sets: the smallest p-value is one in a thousand."""
@@ -24,7 +24,7 @@ process is the true one is refused in less than one case of a hundred."""
 
 
 @dataclass(frozen=True)
-class ProcessTest:
+class ProcessTest(Known):
     """What a test of a process found.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import number, whole_number
+from optkit.basics.arrays import Known, number, whole_number
 from optkit.basics.errors import InputError
 
 
@@ -58,7 +58,7 @@ def _setting(name: str, value: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class ScenarioSettings:
+class ScenarioSettings(Known):
     """One row of the paper's Table 1.
 
     Attributes

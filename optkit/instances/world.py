@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, Known
 from optkit.basics.memory import check_memory
 from optkit.basics.seeds import check_count
 from optkit.instances.instance import DENSE_NOISE_LIMIT, Instance, fifo_queue
@@ -18,7 +18,7 @@ from optkit.instances.settings import ScenarioSettings
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class World(Known):
     """What all instances of a scenario share: request types, places and weights.
 
     Attributes

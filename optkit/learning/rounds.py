@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, flag, number, whole_number
+from optkit.basics.arrays import Floats, Known, flag, number, whole_number
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.seeds import Stream, check_seed, stream
 from optkit.instances.instance import Instance
@@ -35,7 +35,7 @@ are then off by some six points."""
 
 
 @dataclass(frozen=True)
-class Learned:
+class Learned(Known):
     """Preferences and how they were learned.
 
     Attributes

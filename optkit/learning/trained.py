@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import whole_number
+from optkit.basics.arrays import Known, number, whole_number
 from optkit.basics.documents import read_document, write_document
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.version import __version__
@@ -30,7 +29,7 @@ FORMAT, VERSION = "optkit trained policy", 1
 
 
 @dataclass(frozen=True)
-class Trained:
+class Trained(Known):
     """A trained policy and how it came about.
 
     Attributes
@@ -195,8 +194,7 @@ class Trained:
             value = value_of(plain["value"])
             believed = plain["preferences"]
             preferences = None if believed is None else Preferences.from_dict(believed)
-            if not math.isfinite(score := float(plain["score"])):
-                raise InputError(f"the score {score} is no number")
+            score = number("score", plain["score"])
             more = (score, [dict(row) for row in plain["record"]], dict(plain["settings"]), list(plain["failures"]))
             told = _source(plain.get("source", {}), value)
         except InputError:

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, Known
 from optkit.basics.errors import InputError
 from optkit.bounds.penalised.presence import CERTAIN, fifo_presence
 from optkit.instances.instance import Instance
@@ -35,7 +35,7 @@ NUDGE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class WorkerRates:
+class WorkerRates(Known):
     """Rates by time of day, and what is not known of them.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, flag
+from optkit.basics.arrays import Floats, Known, flag
 from optkit.basics.errors import InputError, SolverError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.convex_solver import run
@@ -30,7 +30,7 @@ LARGEST = 5_000
 
 
 @dataclass(frozen=True)
-class ProgramSolution:
+class ProgramSolution(Known):
     """What the solver found, checked.
 
     Attributes

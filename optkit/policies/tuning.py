@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, Bools, Floats, floats, locked, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Known, floats, locked, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.instances.instance import Instance
 from optkit.policies.formula import Formula, formula
@@ -41,7 +41,7 @@ Progress = Callable[[int, int], object]
 
 
 @dataclass(frozen=True)
-class Tuned(Generic[P]):
+class Tuned(Known, Generic[P]):
     """The best policy of a grid, and the whole grid.
 
     Attributes

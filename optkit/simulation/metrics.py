@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from optkit.basics.arrays import Floats, flag, number, real
 from optkit.basics.errors import InputError
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 ROUNDING = 1e-12
 """Part of the money in play that counts as nothing."""
@@ -102,9 +101,9 @@ class MeanInterval:
     Attributes
     ----------
     mean, std : float
-        Mean and standard deviation over instances.
+        Mean and standard deviation over instances; the deviation of one is NaN.
     low, high : float
-        Confidence interval of the mean.
+        Confidence interval of the mean; NaN for one instance.
     count : int
         Number of instances.
     """
@@ -172,38 +171,3 @@ def mean_interval(
             f"the interval comes to {found.low} to {found.high}: the values or the confidence are too large"
         )
     return found
-
-
-def check_finite(what: str, table: pd.DataFrame, unknown: Collection[str] = ()) -> None:
-    """Refuse a result that holds NaN or infinity: nobody could tell what it claims.
-
-    Every result of :mod:`optkit.gap` and :mod:`optkit.evaluation` goes through here when it is made.
-
-    Parameters
-    ----------
-    what : str
-        What the table is, in words.
-    table : DataFrame
-        Its columns of numbers are looked at.
-    unknown : collection of str
-        Columns whose entries may be lacking, as the result's own docstring says.
-
-    Raises
-    ------
-    InputError
-        That names the first entry.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> check_finite("gaps", pd.DataFrame({"money": [1.0, 2.0], "claim": [0.5, float("nan")]}), ["claim"])
-    """
-    for name, column in table.items():
-        if name in unknown or column.dtype.kind != "f" or np.isfinite(column.to_numpy()).all():
-            continue
-        row = int((~np.isfinite(column.to_numpy())).argmax())
-        whose = next((f" of {table[label].iloc[row]}" for label in ("policy", "kind") if label in table), "")
-        raise InputError(
-            f"{what}: {name}{whose} comes to {column.iloc[row]}: amounts are too large to be added up; "
-            "look at the policy's offers and the instances' rewards, or take a larger unit of money"
-        )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, locked, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, Known, locked, real
 from optkit.basics.errors import PolicyError
 from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
@@ -28,7 +28,7 @@ Observer = Callable[[State, Floats, Ints], Any]
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Known):
     """What happened in B simulated runs.
 
     Attributes
@@ -46,6 +46,8 @@ class Simulation:
     request_id, worker_id : tuple of arrays or None
         What the requests and the workers of each run are called, if they are called anything.
     """
+
+    lacking = ("compensation",)
 
     reward: Floats
     margin: Floats

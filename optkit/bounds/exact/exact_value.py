@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats, Ints, ints
+from optkit.basics.arrays import Floats, Ints, Known, ints
 from optkit.basics.arrays import mask as mask_of
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound, SolverRecord
@@ -37,7 +37,7 @@ from optkit.models.pricing.closed_form import nonnegative
 
 
 @dataclass(frozen=True, eq=False)
-class ExactSolution:
+class ExactSolution(Known):
     """The value function of a small model, with which the optimal policy follows.
 
     Attributes

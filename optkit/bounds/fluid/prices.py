@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, Known
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Bound
 from optkit.bounds.fluid.bound import FluidCertificate, FluidModel
@@ -20,7 +20,7 @@ NEWTON = 100
 
 
 @dataclass(frozen=True, eq=False)
-class FluidPrices:
+class FluidPrices(Known):
     r"""Bid prices: what a request that waits is worth to the workers who are still to come, at the fluid optimum.
 
     If serving it costs l, workers take it ``M(l) = sum_{s > t, d} q_sd P_sd(l)`` times, where their profits y_sd are

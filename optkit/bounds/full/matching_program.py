@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, Known
 from optkit.basics.errors import SolverError
 from optkit.bounds.full.edges import Edges
 
 
 @dataclass(frozen=True, eq=False)
-class ProgramSolution:
+class ProgramSolution(Known):
     """What HiGHS found: pairs (m,), duals of the requests (n,) (none for an integer program), and its own words."""
 
     worker: Ints

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, Known
 from optkit.basics.errors import InputError
 from optkit.models.estimation.columns import (
     NotIdentifiedError,
@@ -28,7 +28,7 @@ class EstimationWarning(UserWarning):
 
 
 @dataclass(frozen=True)
-class IdentificationReport:
+class IdentificationReport(Known):
     """How much the choices say, and about which combination of the coefficients they say least.
 
     Attributes

@@ -116,7 +116,7 @@ def contrasts(name: str, given: Any, names: Sequence[str]) -> Any:
     Raises
     ------
     InputError
-        If the labels are not the names of the columns, or an entry is not a finite number.
+        If the labels are not the names of the columns, an entry is not a finite number, or a row asks nothing.
     """
     if given is None or isinstance(given, str | Mapping):
         return given
@@ -143,6 +143,8 @@ def contrasts(name: str, given: Any, names: Sequence[str]) -> Any:
     k = len(names)
     if array.shape[-1:] != (k,) or array.ndim > 2 or (name == "cov_p" and array.shape != (k, k)):
         raise InputError(f"{name} has shape {array.shape}; give one column for each of {', '.join(names)}")
+    if name == "r_matrix" and (empty := ~np.atleast_2d(array).any(axis=1)).any():
+        raise InputError(f"r_matrix: all weights of row {int(empty.argmax())} are 0: there is nothing to test")
     return array
 
 

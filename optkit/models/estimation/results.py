@@ -219,11 +219,13 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         Raises
         ------
         InputError
-            If labels are not the names of the coefficients, each once, or an entry is not a finite number.
+            If labels are not the names of the coefficients, each once, or an entry is not a finite number; or if
+            there is nothing to test, as with weights that are all 0.
         """
         names = self.model.column_names
         use_t = None if use_t is None else flag("use_t", use_t)
-        return super().t_test(contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names), use_t)
+        asked, given = contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names)
+        return _decided(super().t_test(asked, given, use_t))
 
     def wald_test(
         self, r_matrix: Any, cov_p: Any = None, invcov: Any = None, use_f: bool | None = None, **options: Any
@@ -255,7 +257,7 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         asked, given = contrasts("r_matrix", r_matrix, names), contrasts("cov_p", cov_p, names)
         use_f = None if use_f is None else flag("use_f", use_f)
         inverse = None if invcov is None else real("invcov", invcov)
-        return super().wald_test(asked, given, invcov=inverse, use_f=use_f, **options)
+        return _decided(super().wald_test(asked, given, invcov=inverse, use_f=use_f, **options))
 
     def conf_int(self, alpha: float = 0.05) -> Any:
         """Return the confidence interval of each coefficient, (k, 2), at level ``1 - alpha``.
@@ -320,6 +322,17 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
             notes.append("Warning: the search ended before the maximum.")
         table.add_extra_txt(notes)
         return table
+
+
+def _decided(test: Any) -> Any:
+    """Return a test, or refuse one that tests nothing: its p-value is NaN."""
+    undecided = np.flatnonzero(np.isnan(np.atleast_1d(test.pvalue)))
+    if undecided.size:
+        raise InputError(
+            f"r_matrix: row {undecided[0]} has no variance: its weights are all 0, or those of coefficients that are "
+            "known exactly; there is nothing to test"
+        )
+    return test
 
 
 class ConditionalLogitResultsWrapper(LikelihoodResultsWrapper):  # type: ignore[misc]

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, number
+from optkit.basics.arrays import Bools, Floats, Known, number
 from optkit.basics.errors import InputError
 from optkit.models.decision import Decisions, Given, by_label
 from optkit.models.pricing import closed_form, enclosure
 
 
 @dataclass(frozen=True)
-class PriceCertificate:
+class PriceCertificate(Known):
     """What is proven about proposed prices; every attribute has the leading shape of the decisions.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats
+from optkit.basics.arrays import Bools, Floats, Known
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions, Given, largest
@@ -31,7 +31,7 @@ requests, and from which these are lost in rounding."""
 
 
 @dataclass(frozen=True)
-class Pricing:
+class Pricing(Known):
     """Compensations and what they lead to.
 
     Attributes

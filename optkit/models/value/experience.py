@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, locked
+from optkit.basics.arrays import Bools, Floats, Ints, Known, ReadOnlyArrays, locked
 from optkit.basics.errors import InputError
 from optkit.models.decision import Decisions
 from optkit.models.pricing.closed_form import nonnegative
@@ -16,7 +16,7 @@ from optkit.models.value.request_sets import KnownRequests, RequestSets, SetValu
 
 
 @dataclass(frozen=True, eq=False)
-class Workers(ReadOnlyArrays):
+class Workers(Known, ReadOnlyArrays):
     """What is known of the workers in advance.
 
     Attributes

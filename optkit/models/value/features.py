@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optkit.basics.arrays import Floats, real
+from optkit.basics.arrays import Floats, number, real
 from optkit.basics.errors import InputError
 from optkit.models.value.ranked_term import hats, is_group, knots
 from optkit.models.value.request_sets import KnownRequests, RequestSets
@@ -94,8 +94,9 @@ class KernelFeatures:
         width = self.center.size
         if self.landmarks.ndim != 2 or self.landmarks.shape[1] != width or self.scale.shape != (width,):
             raise InputError(f"landmarks {self.landmarks.shape}, scale {self.scale.shape} and center ({width},) differ")
-        if not (0 < self.gamma < np.inf and (self.scale > 0).all()):
-            raise InputError(f"gamma = {self.gamma} and every scale must be positive")
+        object.__setattr__(self, "gamma", number("gamma", self.gamma, above=0.0))
+        if not (self.scale > 0).all():
+            raise InputError("every scale must be positive")
         # Other threads, other digits: one, as in training, so that a file prices as the trained policy did.
         with _ONE_AT_A_TIME, threadpool_limits(limits=1):
             values, vectors = np.linalg.eigh(self._kernel(self.landmarks))

@@ -10,12 +10,12 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, Ints, ReadOnlyArrays, locked, real
+from optkit.basics.arrays import Bools, Floats, Ints, Known, ReadOnlyArrays, locked, real
 from optkit.basics.errors import InputError, TrainingError
 
 
 @dataclass(frozen=True, eq=False)
-class KnownRequests(ReadOnlyArrays):
+class KnownRequests(Known, ReadOnlyArrays):
     """What a platform knows or believes of N requests and of the workers it may send to them.
 
     Attributes

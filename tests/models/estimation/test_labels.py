@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -263,7 +264,13 @@ def test_combinations_of_coefficients_go_by_name(data):
         np.ones(3),
         np.ones((2, 3)),
         [np.nan, 1.0],
+        [0.0, 0.0],
+        [[1.0, 0.0], [0.0, 0.0]],
     ):
         for test in ("t_test", "wald_test", "f_test"):
             with pytest.raises(InputError, match="r_matrix"):
                 getattr(fitted, test)(strange)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # statsmodels' own, of the rank
+        with pytest.raises(InputError, match="nothing to test"):
+            fitted.wald_test("pay = 0", cov_p=np.zeros((2, 2)))
