@@ -1,8 +1,11 @@
 """What pytest needs to know before it imports the kit, and how it spreads the tests over processes."""
 
+import gc
 import os
 from importlib.util import find_spec
 from pathlib import Path
+
+import pytest
 
 # The tests' numbers are small: where several processes test beside each other, more than one thread each for the loops
 # of NumPy and PyTorch costs up to twenty times the processor time. Processes that tests start inherit it.
@@ -31,3 +34,17 @@ def pytest_collection_modifyitems(items):
     """Begin with the files that hold tests marked slow, so that no process is left alone with one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect without looking for garbage: there is next to none, and looking would take a third of the time.
+
+    What is there at the end stays until the last test; no later search need look at it again.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()

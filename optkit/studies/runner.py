@@ -37,6 +37,9 @@ BUSY = {"I.2": 0.6, "I.3": 2.5, "II": 2.0, "nyc-weak": 0.6, "nyc-strong": 0.6}
 GAP_BUSY = {"I.2": 0.65, "I.3": 4.2, "II": 3.0, "nyc-weak": 0.2, "nyc-strong": 0.2}
 """How much longer a cell of another scenario takes than one of I.1, and the cell of its gap."""
 
+SECONDS_TO_CONNECT = 10.0
+"""How long a Dask scheduler is waited for, since it may start later than what asks for it."""
+
 
 class Outcome(NamedTuple):
     """What became of one cell."""
@@ -322,7 +325,7 @@ def _client(cluster: Any, address: str) -> Iterator[Any]:
     from distributed import Client
 
     try:
-        client = Client(cluster, timeout=10)  # type: ignore[no-untyped-call]
+        client = Client(cluster, timeout=SECONDS_TO_CONNECT)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise InputError(f"there is no Dask scheduler at {address}: {str(error).splitlines()[0]}") from None
     try:

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 from importlib import import_module
 from pathlib import Path
 
@@ -11,13 +12,17 @@ import optkit
 from optkit.basics import errors
 
 ROOT = Path(optkit.__file__).parent
+DERIVED = re.compile(r"\bclass\s+\w+\s*\([^:]*(Error|Exception|Interrupt|Exit)")
 
 
 def exceptions(root=ROOT):
     """Module and name of every public exception that a file below root defines, by what its bases are called."""
     for path in sorted(root.rglob("*.py")):
         module = ".".join((root.name, *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__")
-        for thing in ast.walk(ast.parse(path.read_text())):
+        text = path.read_text()
+        if not DERIVED.search(text):  # most files, which need not be parsed
+            continue
+        for thing in ast.walk(ast.parse(text)):
             if isinstance(thing, ast.ClassDef) and not thing.name.startswith("_"):
                 bases = {ast.unparse(base).rpartition(".")[2] for base in thing.bases}
                 if any(base.endswith(("Error", "Exception", "Interrupt", "Exit")) for base in bases):

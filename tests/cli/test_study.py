@@ -7,7 +7,7 @@ from functools import partial
 import pandas as pd
 import pytest
 
-from optkit.studies import grids
+from optkit.studies import grids, runner
 from optkit.studies import run_cell as work
 from optkit.studies.report.figures import study_figures
 from optkit.studies.report.maps import bubble_grid
@@ -153,7 +153,8 @@ def test_a_failed_cell_is_reported_and_the_status_says_so(study, finished, no_fi
         (["heterogeneous", "--dask", "tcp://127.0.0.1:9"], "no Dask scheduler"),
     ],
 )
-def test_bad_input_is_one_line(study, arguments, message, tmp_path):
+def test_bad_input_is_one_line(study, arguments, message, tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "SECONDS_TO_CONNECT", 0.1)
     status, _, err = study(*arguments, "--out", tmp_path)
     assert status == 2
     assert message in err

@@ -280,7 +280,8 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_results(tmp_path, monkeypa
 
 
 @pytest.mark.slow
-def test_a_cluster_that_is_not_there_is_said(tmp_path):
+def test_a_cluster_that_is_not_there_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "SECONDS_TO_CONNECT", 0.1)
     pytest.importorskip("distributed", reason="Dask is missing: pip install 'optkit[dask]'")
     with pytest.raises(InputError, match=r"there is no Dask scheduler at tcp://127\.0\.0\.1:9"):
         run_cells(CELLS, CellStore(tmp_path), dask="tcp://127.0.0.1:9")
