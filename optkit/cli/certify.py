@@ -13,7 +13,7 @@ from optkit.basics.arrays import number
 from optkit.basics.errors import InputError
 from optkit.basics.printable import printable
 from optkit.cli.console import open_source, progress_bar, say, say_json
-from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Traceback, Trips
+from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Traceback, Trips
 from optkit.cli.output import FIGURE, ROWS, write_rows
 from optkit.cli.policy_file import own_policies
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from optkit.gap.charging import Charging
     from optkit.instances.instance import Instance
     from optkit.instances.scenario import Scenario, Split
+    from optkit.models.preferences.preferences import Preferences
     from optkit.simulation.simulator import Policy
 
 NAMED = ("myopic", "linear", "kernel", "charging")
@@ -70,6 +71,7 @@ def certify(
     limit: Annotated[
         int | None, typer.Option(min=0, help="Waiting requests told apart, 14 by default; work doubles with each.")
     ] = None,
+    preferences: Believed = None,
     jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 for one per core.")] = 1,
     checkpoint: Annotated[
         Path | None, typer.Option(help="File that keeps finished instances; a rerun goes on.")
@@ -93,18 +95,20 @@ def certify(
     from optkit.basics.parallel import check_jobs
     from optkit.bounds.arrival.exact import check_limit
     from optkit.gap.report import chosen_kinds, gap_report
+    from optkit.models.preferences.preferences import Preferences
     from optkit.plotting.files import figure_bytes
 
     jobs = check_jobs(jobs, "--jobs")
     if limit is not None:
         check_limit(limit)
-    reads = [] if checkpoint is None else [checkpoint]
+    reads = [one for one in (checkpoint, preferences) if one is not None]
     if out is not None:
         ROWS.check(out, reads=reads)
     if plot is not None:
         FIGURE.check(plot, "--plot", reads)
     wanted = policy or ["myopic", "linear"]
     given = _given_policies(wanted)
+    believed = None if preferences is None else Preferences.load(preferences)
     shares, rate = _shares(group_share), _rate(worker_rate)
     chosen = None if kinds is None else chosen_kinds([kind.strip() for kind in kinds.split(",")])
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
@@ -128,7 +132,7 @@ def certify(
             if isinstance(opened, Path) and charging.learned is None:
                 more["others"] = [*split.train, *split.validation, *split.test[len(tested) :]]
         more["assumptions"] = (*more.get("assumptions", ()), *noise)
-        named = _policies(wanted, given, split, charging, tell)
+        named = _policies(wanted, given, split, charging, believed, tell)
         report = gap_report(tested, named, progress=lambda k, n: tell("certifying", k, n), **more)
     if as_json:
         say_json({"source": source, **report.to_dict()})
@@ -258,22 +262,25 @@ def _policies(
     given: dict[str, Policy],
     split: Split,
     charging: Charging | None,
+    believed: Preferences | None,
     tell: Callable[[str, int, int], object],
 ) -> dict[str, Policy]:
+    """Return the policies by name; those of names believe the preferences that are given, or know the truth."""
     from optkit.learning.training import train
     from optkit.policies import PostDecisionPricing
 
+    myopic = PostDecisionPricing() if believed is None else PostDecisionPricing(choice=believed)
     found: dict[str, Policy] = {}
     for done, name in enumerate(wanted):
         tell("policies", done, len(wanted))
         if name == "myopic":
-            found[name] = PostDecisionPricing()
+            found[name] = myopic
         elif name == "charging":
             if charging is None:
                 raise InputError("--policy charging: there is no penalised bound here to charge for")
             found[name] = charging.policy
         elif name in NAMED:
-            found[name] = train(split, name, choice="true").policy
+            found[name] = train(split, name, choice="true" if believed is None else believed).policy
         else:
             found[_called(name)] = given[name]
     tell("policies", len(wanted), len(wanted))

@@ -9,7 +9,7 @@ import typer
 
 from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
-from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import ROWS, print_comparison, write_rows
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def evaluate(
     part: Annotated[
         str, typer.Option(help="test, validation or train, as optkit run splits the source; or all instances.")
     ] = "test",
+    preferences: Believed = None,
     out: Annotated[
         Path | None, typer.Option(help="Also write a row per policy and instance to this .csv or .parquet file.")
     ] = None,
@@ -45,13 +46,16 @@ def evaluate(
     from optkit.evaluation.comparison import compare
     from optkit.evaluation.proven import proven_bounds
     from optkit.learning.trained import Trained
+    from optkit.models.preferences.preferences import Preferences
     from optkit.policies import PostDecisionPricing
     from optkit.simulation.batch import Batch
     from optkit.simulation.simulator import simulate
 
     if out is not None:
-        ROWS.check(out, reads=[policy])
+        ROWS.check(out, reads=[policy] if preferences is None else [policy, preferences])
     trained = Trained.load(policy)
+    if preferences is not None:
+        trained = trained.believing(Preferences.load(preferences))
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     instances = _instances(opened, source, part)
     batch = Batch.of(instances)

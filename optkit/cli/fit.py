@@ -113,7 +113,7 @@ def _check_out(out: Path, table: Path, folder: bool) -> None:
 
 def _print(found: Preferences, plain: dict[str, Any], told: list[str]) -> None:
     for group, results in enumerate(found.results):
-        label = "all groups" if found.pooled else f"group {group}"
+        label = _label(found, group)
         say(f"{label}, coefficients of utility / mu", *str(results.summary()).split("\n"), "")
     rows = [
         [f"{row['group']} {row['parameter']}", f"{row['estimate']:.4f}", f"{row['standard_error']:.4f}"]
@@ -121,10 +121,15 @@ def _print(found: Preferences, plain: dict[str, Any], told: list[str]) -> None:
     ]
     print_table("preferences, in money", ["parameter", "estimate", "standard error"], rows)
     for group, report in enumerate(plain["identification"]):
-        label = "all groups" if found.pooled else f"group {group}"
+        label = _label(found, group)
         say(f"identification of {label}: {report['verdict']}: {report['reason']}")
     for line in told:
         say(f"warning: {line}")
+
+
+def _label(found: Preferences, group: int) -> str:
+    names = found.group_names
+    return "all groups" if found.pooled else f"group {group if names is None else names[group]}"
 
 
 def _plain(found: Preferences) -> dict[str, Any]:

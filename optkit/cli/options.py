@@ -22,4 +22,8 @@ Setting = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output instead of a table.")]
 Traceback = Annotated[bool, typer.Option("--traceback", help="If it fails, show where, before the line that says why.")]
+Believed = Annotated[
+    Path | None,
+    typer.Option("--preferences", help="What workers like: preferences.json, which optkit fit --out FOLDER writes."),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]

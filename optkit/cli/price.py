@@ -13,7 +13,7 @@ from optkit.basics.errors import InputError
 from optkit.basics.printable import listed
 from optkit.cli.console import print_table, say, say_json
 from optkit.cli.decisions import SHOWN, ManyDecisions, price_rows
-from optkit.cli.options import Json
+from optkit.cli.options import Believed, Json
 from optkit.cli.output import ROWS, write_rows
 
 if TYPE_CHECKING:
@@ -42,11 +42,12 @@ def price(
         Path | None,
         typer.Option(help="File of optkit train: what waiting is worth, and what workers like, as the policy learned."),
     ] = None,
+    preferences: Believed = None,
     step: Annotated[int | None, typer.Option(help="With --policy: the step at which the requests are open.")] = None,
     time: Annotated[
         str | None, typer.Option(help="With --policy: the time, such as 11:08, if days have a clock.")
     ] = None,
-    group: Annotated[str | None, typer.Option(help="With --policy: the worker's group.")] = None,
+    group: Annotated[str | None, typer.Option(help="With --policy or --preferences: the worker's group.")] = None,
     out: Annotated[Path | None, typer.Option(help="Write a row per request as .csv or .parquet.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -59,6 +60,9 @@ def price(
     **request** names the rows, in text as it stands in the file. Rows of one **decision** are priced
     together; without this column all rows are one decision.
 
+    With --preferences the columns are those that they were learned from, and **pickup** and **dropoff** if they know
+    places, in place of **utility**.
+
     With --policy the columns are **reward**, **expiry** (the last step, or a time), **penalty** if there is one, what
     the policy was trained on, and **utility** if it learned no preferences; **request_id** names the rows.
     """
@@ -68,17 +72,22 @@ def price(
     if form not in FORMS:
         raise InputError(f"--form {form} is unknown; there are {', '.join(FORMS)}")
     if out is not None:
-        ROWS.check(out, reads=[table])
+        ROWS.check(out, reads=[one for one in (table, policy, preferences) if one is not None])
     if policy is None:
-        for name, x in (("step", step), ("time", time), ("group", group)):
+        for name, x in (("step", step), ("time", time), ("group", None if preferences is not None else group)):
             if x is not None:
                 raise InputError(f"--{name} {x} goes with --policy")
+    if preferences is not None and policy is None:
+        if outside_utility or mu is not None:
+            raise InputError("--mu and --outside-utility go without --preferences, whose own they are")
+        given, mu, source = _by_preferences(table, preferences, group)
+    elif policy is None:
         given, source = read_requests(table), "as given" if mu is not None else "by default"
         mu = 1.0 if mu is None else mu
     else:
         if outside_utility:
             raise InputError("--outside-utility goes without --policy, whose own it is")
-        given, mu, outside_utility, source = _by_policy(table, policy, step, time, group, mu)
+        given, mu, outside_utility, source = _by_policy(table, policy, preferences, step, time, group, mu)
     value, utility = given.value, given.utility
     if given.ignored:
         say(f"optkit: ignored columns of {table}: {listed(given.ignored)}", err=True)
@@ -168,25 +177,47 @@ def _suspect(rejection: Any, mu: float) -> None:
 
 
 def _by_policy(
-    table: Path, policy: Path, step: int | None, time: str | None, group: str | None, mu: float | None
+    table: Path,
+    policy: Path,
+    preferences: Path | None,
+    step: int | None,
+    time: str | None,
+    group: str | None,
+    mu: float | None,
 ) -> tuple[RequestTable, float, float, str]:
     """Return the requests as a policy sees them, its mu and outside utility, and where mu comes from."""
     from optkit.cli.own_tables import read_open_requests
     from optkit.cli.request_table import RequestTable
     from optkit.learning.open_requests import seen_by
     from optkit.learning.trained import Trained
+    from optkit.models.preferences.preferences import Preferences
 
     trained = Trained.load(policy)
+    if preferences is not None:
+        trained = trained.believing(Preferences.load(preferences))
     frame, ignored = read_open_requests(table, trained)
     try:
         seen = seen_by(trained, frame, step=step, time=time, group=group, mu=mu)
     except InputError as error:
         raise InputError(f"{table}, priced by {policy}: {error}") from None
-    offered, source = np.ones(len(seen.names), bool), "as the policy learned" if trained.preferences else "as given"
+    learned = "as the policy learned" if preferences is None else "of the preferences"
+    offered, source = np.ones(len(seen.names), bool), learned if trained.preferences else "as given"
     if trained.preferences is None and mu is None:
         source = "by default"
     read = RequestTable(seen.names, seen.value, seen.utility, offered, None, ignored)
     return read, seen.mu, seen.outside_utility, source
+
+
+def _by_preferences(table: Path, preferences: Path, group: str | None) -> tuple[RequestTable, float, str]:
+    """Return the requests with the utilities that preferences tell, their mu, and where it comes from."""
+    from optkit.cli.request_table import read_requests
+    from optkit.instances.labels import group_of
+    from optkit.models.preferences.preferences import Preferences
+
+    believed = Preferences.load(preferences)
+    number = group_of(group, believed.group_names or [str(d) for d in range(len(believed.scale))])
+    mu = believed.scale[believed.model_of(np.array([number]))[0]]
+    return read_requests(table, believed, number), float(mu), "of the preferences"
 
 
 def _plain(proof: Any) -> dict[str, Any]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats
+from optkit.basics.arrays import Bools, Floats, Ints, ints
 from optkit.basics.errors import DataError
 from optkit.basics.tables.cells import Cells, Column, Converter, flags, labels, numbers
 from optkit.basics.tables.read import open_table
+
+if TYPE_CHECKING:
+    from optkit.models.preferences.preferences import Preferences
 
 
 def utilities(cells: Cells) -> Column:
@@ -78,7 +81,7 @@ class RequestTable:
     decision: list[str] | None = None
 
 
-def read_requests(path: Path) -> RequestTable:
+def read_requests(path: Path, believed: Preferences | None = None, group: int = 0) -> RequestTable:
     """Read the requests of one decision.
 
     Columns, in any order and case: ``utility``, ``-inf`` where the worker cannot serve the request; either ``value``,
@@ -86,6 +89,14 @@ def read_requests(path: Path) -> RequestTable:
     reward - penalty * expires - opportunity_cost; ``offered`` (0 or 1); ``compensation`` for a proposal; ``request``
     for names, which are read as text; ``decision`` for rows that are priced together. JSON is a list of objects, or an
     object with such a list under ``requests``.
+
+    Parameters
+    ----------
+    path : Path
+    believed : Preferences, optional
+        They tell the utility, and the columns are those that they know, ``pickup`` and ``dropoff`` in place of it.
+    group : int
+        The worker's.
 
     Raises
     ------
@@ -99,12 +110,18 @@ def read_requests(path: Path) -> RequestTable:
         double = [name for name, times in Counter(written.values()).items() if times > 1]
         if double:
             raise DataError(f"{path} has the column {double[0]!r} twice, but for case; leave one")
-        place = {lower: name for name, lower in written.items() if lower in KNOWN}
-        table.need("utility", "value|reward", among=place)
+        known = KNOWN if believed is None else {**KNOWN, **_attributes(believed)}
+        place = {lower: name for name, lower in written.items() if lower in known}
+        if believed is None:
+            table.need("utility", "value|reward", among=place)
+        else:
+            table.need(*_attributes(believed), "value|reward", among=place)
+            if "utility" in place:
+                raise DataError(f"{path} has a column utility, and preferences to tell it: leave one out")
         clash = [name for name in PARTS_OF_VALUE if name in place] if "value" in place else []
         if clash:
             raise DataError(f"{path} has both value and {clash[0]}: give the value, or the parts it is made of")
-        found = table.columns({name: KNOWN[lower] for lower, name in place.items()})
+        found = table.columns({name: known[lower] for lower, name in place.items()})
         rows = table.rows
     if not rows:
         raise DataError(f"{path} holds no requests; give one row per request")
@@ -123,12 +140,28 @@ def read_requests(path: Path) -> RequestTable:
         if not np.isfinite(value).all():
             i = int((~np.isfinite(value)).argmax())
             raise DataError(f"{path}: the value of row {i + 1}, made of its parts, is beyond any money")
+    if believed is not None:
+        columns["utility"] = _believed(believed, columns, np.full(rows, group))
     return RequestTable(
         names=columns.get("request", np.arange(rows).astype(str)).tolist(),
         value=value,
         utility=columns["utility"],
         offered=columns.get("offered", np.ones(rows)) == 1,
         compensation=columns.get("compensation"),
-        ignored=[name for name, lower in written.items() if lower not in KNOWN],
+        ignored=[name for name, lower in written.items() if lower not in known],
         decision=columns["decision"].tolist() if "decision" in columns else None,
     )
+
+
+def _attributes(believed: Preferences) -> dict[str, Converter]:
+    """Columns from which preferences tell a utility; places where there is more than one."""
+    told = believed.attributes
+    places = [name for name, many in (("pickup", told.pickups), ("dropoff", told.dropoffs)) if many > 1]
+    return {name.lower(): numbers for name in (*told.names, *places)}
+
+
+def _believed(believed: Preferences, columns: dict[str, Any], group: Ints) -> Floats:
+    rows = len(group)
+    features = [columns[name.lower()] for name in believed.attributes.names]
+    pickup, dropoff = (ints(name, columns.get(name, np.zeros(rows)), (rows,)) for name in ("pickup", "dropoff"))
+    return believed.utility_of(np.column_stack(features) if features else np.zeros((rows, 0)), pickup, dropoff, group)

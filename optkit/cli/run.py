@@ -10,7 +10,7 @@ import typer
 from optkit.basics.arrays import whole_number
 from optkit.basics.paths import resolved
 from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
-from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import print_comparison
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def run(
     mode: Mode = None,
     fraction: Fraction = None,
     settings: Setting = None,
+    preferences: Believed = None,
     verify: Annotated[int, typer.Option(min=0, help="Pricing decisions to solve again with CVXPY.")] = 60,
     out: Annotated[Path | None, typer.Option(help="Results folder; results/SOURCE-SEED by default.")] = None,
     as_json: Json = False,
@@ -42,8 +43,10 @@ def run(
     from optkit.evaluation.main_job import run_main_job
     from optkit.evaluation.results_folder import check_target, write_results
     from optkit.instances.splits import read_split
+    from optkit.models.preferences.preferences import Preferences
 
     verify = whole_number("--verify", verify, least=0, most=MOST_VERIFIED)
+    believed = None if preferences is None else Preferences.load(preferences)
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     if isinstance(opened, Path):
         split, origin = read_split(opened)
@@ -54,7 +57,7 @@ def run(
         folder = out or Path("results") / f"{name}-{seed}"
     check_target(folder, origin)
     with progress_bar(quiet or as_json) as tell:
-        result = run_main_job(split, origin, verify=verify, seed=seed, progress=tell)
+        result = run_main_job(split, origin, verify=verify, seed=seed, preferences=believed, progress=tell)
     if as_json:
         say_json({"folder": str(folder), **result.to_dict()})
     else:

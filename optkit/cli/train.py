@@ -10,7 +10,7 @@ import typer
 
 from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, print_table, progress_bar, say, say_json
-from optkit.cli.options import Fraction, Json, Mode, Quiet, Seed, Setting, Trips
+from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Trips
 from optkit.cli.output import POLICY
 from optkit.models.value.catalogue import VALUES
 
@@ -33,6 +33,7 @@ def train(
     choice: Annotated[
         str, typer.Option(help="Choice model: learned (one per worker group), pooled (one for all), or true.")
     ] = "learned",
+    preferences: Believed = None,
     instances: Annotated[
         int | None,
         typer.Option(help="Train on so many instances drawn for it, not on the split's; of a scenario only."),
@@ -62,9 +63,13 @@ def train(
     """
     from optkit.instances.splits import read_split, training_split
     from optkit.learning.training import train as train_policy
+    from optkit.models.preferences.preferences import Preferences
 
-    POLICY.check(out)
+    POLICY.check(out, reads=[preferences] if preferences is not None else [])
     _check_checkpoint(checkpoint)
+    if preferences is not None and choice != "learned":
+        raise InputError(f"--choice {choice} goes without --preferences, which are the choice model")
+    believed: Any = choice if preferences is None else Preferences.load(preferences)
     chosen: dict[str, Any] = {"seeds": seeds, "seed": seed if training_seed is None else training_seed}
     if deviations is not None:
         chosen["deviations"] = _numbers(deviations)
@@ -78,7 +83,7 @@ def train(
             trained = train_policy(
                 split,
                 value,
-                choice=choice,  # type: ignore[arg-type]
+                choice=believed,
                 checkpoint=checkpoint,
                 progress=lambda k, n: tell("training", k, n),
                 **chosen,
@@ -87,6 +92,7 @@ def train(
         say(f"optkit: {_how_to_go_on(checkpoint)}", err=True)
         raise
     seconds = time.perf_counter() - started
+    choice = choice if preferences is None else "given"
     at = _chosen(trained)
     if as_json:
         told: dict[str, Any] = {"file": str(out), "source": source, "value": value, "choice": choice, "chosen": at}

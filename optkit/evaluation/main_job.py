@@ -18,6 +18,7 @@ from optkit.learning.offer_log import collect
 from optkit.learning.rounds import Learned, learn_once, learn_preferences
 from optkit.learning.trained import Trained
 from optkit.learning.training import Choice, TrainingSettings, train
+from optkit.models.preferences.preferences import Preferences
 from optkit.policies import PostDecisionPricing
 from optkit.policies.tuning import tune_formula, tune_reward_percentage
 from optkit.simulation.simulator import Policy, simulate
@@ -29,7 +30,7 @@ TRAININGS: dict[str, tuple[str, Choice]] = {
 }
 """Value function and choice model of each trained policy, as in :func:`optkit.learning.training.train`."""
 
-ONCE, REESTIMATED = "Learned MNL, paper's data", "Learned MNL, re-estimated"
+ONCE, REESTIMATED, GIVEN = "Learned MNL, paper's data", "Learned MNL, re-estimated", "Given MNL"
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,13 @@ class RunResult:
 
 
 def run_main_job(
-    split: Split, origin: dict[str, Any], *, verify: int = 60, seed: int = 0, progress: Progress | None = None
+    split: Split,
+    origin: dict[str, Any],
+    *,
+    verify: int = 60,
+    seed: int = 0,
+    preferences: Preferences | None = None,
+    progress: Progress | None = None,
 ) -> RunResult:
     """Tune, learn and train on training instances, then run, bound and verify on the test instances.
 
@@ -83,18 +90,24 @@ def run_main_job(
         Number of pricing decisions to solve again with CVXPY.
     seed : int
         Of learning, of training, and of the choice of these decisions.
+    preferences : Preferences, optional
+        Somebody's own, which two more policies believe: :data:`GIVEN`, myopic, and ``Linear, given MNL``.
     progress : callable, optional
         Called with stage, done and total.
 
     Raises
     ------
     InputError
-        If there are no training or no test instances, or ``verify`` is negative.
+        If there are no training or no test instances, ``verify`` is negative, or the preferences do not fit these
+        instances.
     SolverError
         If no test instance could be bounded.
     """
     if not split.train or not split.test:
         raise InputError(f"{len(split.train)} training and {len(split.test)} test instances; both are needed")
+    given = {} if preferences is None else {GIVEN: PostDecisionPricing(choice=preferences)}
+    for policy in given.values():
+        simulate([*split.train, *split.validation, *split.test], policy)  # does it know their groups and places?
     tell: Progress = progress if progress is not None else lambda *_: None
     seconds: dict[str, float] = {}
 
@@ -113,10 +126,11 @@ def run_main_job(
     clock = timed("bounds", clock)
     learned, unlearned = _learn(split.train, tests, seed, tell)
     clock = timed("learn", clock)
-    trained, untrained = _train(split, tests, learned.get(REESTIMATED), seed, tell)
+    trained, untrained = _train(split, tests, learned.get(REESTIMATED), preferences, seed, tell)
     clock = timed("train", clock)
     pricing = {"Myopic, true MNL": PostDecisionPricing()}
     pricing |= {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
+    pricing |= given
     pricing |= {name: found.policy for name, found in trained.items()}
     policies: dict[str, Policy] = {**pricing, "FP": fp.policy, "PP": pp.policy}
     comparison = compare(tests, policies, bounds, labels=kept)
@@ -170,15 +184,21 @@ def _learn(
 
 
 def _train(
-    split: Split, tests: Sequence[Instance], learned: Learned | None, seed: int, tell: Progress
+    split: Split,
+    tests: Sequence[Instance],
+    learned: Learned | None,
+    preferences: Preferences | None,
+    seed: int,
+    tell: Progress,
 ) -> tuple[dict[str, Trained], dict[str, str]]:
     """Train value functions; one that comes to nothing, or does not know the tests, comes second with the reason."""
     trained, failures = {}, {}
     rounds = len(TrainingSettings().deviations)
-    for number, (name, (value, choice)) in enumerate(TRAININGS.items()):
+    trainings = TRAININGS if preferences is None else {**TRAININGS, "Linear, given MNL": ("linear", preferences)}
+    for number, (name, (value, choice)) in enumerate(trainings.items()):
 
         def tell_round(done: int, _: int, before: int = number * rounds) -> None:
-            tell("training", before + done, len(TRAININGS) * rounds)
+            tell("training", before + done, len(trainings) * rounds)
 
         try:
             known = learned if choice == "learned" else None

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.arrays import unmasked, whole_number
-from optkit.basics.errors import InstanceError
+from optkit.basics.errors import InputError, InstanceError
 
 Identifiers = npt.NDArray[Any]
 """Whole numbers (int64), or text (objects)."""
@@ -55,6 +55,31 @@ def _plain(name: str, i: int, value: Any) -> Any:
         return whole_number(f"{name}[{i}]", value, error=InstanceError)
     except InstanceError:
         raise InstanceError(f"{name}[{i}] = {value!r} is neither text nor a whole number") from None
+
+
+def group_of(group: str | int | None, names: Sequence[str]) -> int:
+    """Return the number of a group from its name or its number; of one group, also from nothing.
+
+    Raises
+    ------
+    InputError
+        If it is none of them, or none is given and there are several.
+
+    Examples
+    --------
+    >>> group_of("car", ["bike", "car"]), group_of("0", ["bike", "car"]), group_of(None, ["0"])
+    (1, 0, 0)
+    """
+    if group is None and len(names) > 1:
+        raise InputError(f"say of which group the worker is: {', '.join(names)}")
+    if group is None:
+        return 0
+    if str(group) in names:
+        return list(names).index(str(group))
+    number = isinstance(group, int) or str(group).isdecimal()
+    if not number or not 0 <= int(group) < len(names):
+        raise InputError(f"no group is called {group!r}; there are {', '.join(names)}")
+    return int(group)
 
 
 def names_of(name: str, values: Sequence[Any], count: int) -> tuple[str, ...]:

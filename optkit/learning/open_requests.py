@@ -12,7 +12,7 @@ from optkit.basics.errors import InputError, InstanceError
 from optkit.instances.clock import Clock
 from optkit.instances.frames import PREFIX, REQUESTS, frame, no_misspelling
 from optkit.instances.instance import Instance
-from optkit.instances.labels import identifiers
+from optkit.instances.labels import group_of, identifiers
 from optkit.learning.moments import moment
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
@@ -125,16 +125,7 @@ def _group(trained: Any, group: str | int | None) -> tuple[int, list[str]]:
     names = _named(trained)
     many = len(names) or int(told.get("groups", 0)) or (len(believed.scale) if believed is not None else 1)
     names = names or [str(d) for d in range(many)]
-    if group is None:
-        if many > 1:
-            raise InputError(f"say of which group the worker is: {', '.join(names)}")
-        return 0, names
-    if str(group) in names:
-        return names.index(str(group)), names
-    number = isinstance(group, int) or str(group).isdecimal()
-    if not number or not 0 <= int(group) < many:
-        raise InputError(f"no group is called {group!r}; there are {', '.join(names)}")
-    return int(group), names
+    return group_of(group, names), names
 
 
 def _utility(table: pd.DataFrame, groups: int, names: list[str]) -> Floats:

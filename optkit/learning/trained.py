@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +62,11 @@ class Trained(Known):
     settings: dict[str, Any]
     failures: list[str] = field(default_factory=list)
     source: dict[str, Any] = field(default_factory=dict)
+
+    def believing(self, preferences: Preferences) -> Trained:
+        """Return this policy with other preferences: what waiting is worth stays as it was learned."""
+        policy = PostDecisionPricing(choice=preferences, value_function=BelievedValue(self.value, preferences))
+        return replace(self, policy=policy, preferences=preferences, source={**self.source, "choice": "given"})
 
     def price(
         self,
