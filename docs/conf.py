@@ -1,11 +1,14 @@
 """How the documentation site is built: sphinx-build -W docs docs/_build (see docs/contributors.md)."""
 
+import functools
 import gc
 import sys
 from pathlib import Path
 
 from jinja2.sandbox import SandboxedEnvironment
 from numpydoc import docscrape_sphinx
+from sphinx.pycode.parser import DefinitionFinder
+from sphinx.search.en import SearchEnglish
 
 import optkit
 
@@ -17,6 +20,12 @@ environments: dict[type, SandboxedEnvironment] = {}
 docscrape_sphinx.SandboxedEnvironment = lambda loader: environments.setdefault(
     type(loader), SandboxedEnvironment(loader=loader)
 )
+
+# The lines at which definitions begin and end are for links to sources, of which there are none.
+DefinitionFinder.parse = lambda self: None
+
+# The same few thousand words stand on page after page.
+SearchEnglish.stem = functools.cache(SearchEnglish.stem)
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
