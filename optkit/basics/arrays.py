@@ -33,6 +33,8 @@ Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 Shape = tuple[int | None, ...]
 Error = type[OptkitError]
+Rows = Any
+"""What the entries of a column are called, by their places; None where they have no names."""
 T = TypeVar("T")
 
 EXACT = 2**53
@@ -133,21 +135,25 @@ def count(name: str, value: Any, *, error: Error = InputError) -> int:
     return _array(name, value, error).size
 
 
-def floats(name: str, value: Any, shape: Shape | None, *, flags: bool = False, error: Error = InputError) -> Floats:
+def floats(
+    name: str, value: Any, shape: Shape | None, *, flags: bool = False, rows: Rows = None, error: Error = InputError
+) -> Floats:
     """Return finite floats as a read-only copy; ``flags`` lets True and False in as 1 and 0, for characteristics.
+
+    ``rows`` is what the entries of a column are called, for messages.
 
     Raises
     ------
     InputError
         Or the error class given: if the shape is wrong (None allows any length), or an entry is not a finite number.
     """
-    array = real(name, value, flags=flags, error=error)
+    array = real(name, value, flags=flags, rows=rows, error=error)
     check_shape(name, array, shape, error=error)
     return locked(array)
 
 
-def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputError) -> Ints:
-    """Return whole numbers as a read-only copy, floats that hold whole numbers included.
+def ints(name: str, value: Any, shape: Shape | None, *, rows: Rows = None, error: Error = InputError) -> Ints:
+    """Return whole numbers as a read-only copy, floats that hold whole numbers included; ``rows`` as of :func:`floats`.
 
     Raises
     ------
@@ -156,14 +162,14 @@ def ints(name: str, value: Any, shape: Shape | None, *, error: Error = InputErro
     """
     array = _array(name, value, error)
     if array.dtype.kind not in "iu":
-        array = real(name, array, error=error)
+        array = real(name, array, rows=rows, error=error)
         wrong = (array != np.floor(array)) | (np.abs(array) > EXACT)
     else:
         wrong = array > np.iinfo(np.int64).max if array.dtype.kind == "u" else None
     check_shape(name, array, shape, error=error)
     if wrong is not None and wrong.any():
         place = _first(wrong)
-        raise error(f"{name}{_written(place)} = {array[place]:.17g} is not a whole number of moderate size")
+        raise error(f"{name}{_written(place, rows)} = {array[place]:.17g} is not a whole number of moderate size")
     return locked(np.asarray(array, dtype=np.int64))
 
 
@@ -194,6 +200,7 @@ def real(
     *,
     accept: Literal["finite", "-inf", "any"] = "finite",
     flags: bool = False,
+    rows: Rows = None,
     error: Error = InputError,
 ) -> Floats:
     """Return floats of any shape, the array itself where it holds such: finite ones, or ``-inf`` too, or any.
@@ -208,7 +215,7 @@ def real(
         allowed = (bool, np.bool_) if flags else ()
         strange = next((p for p, x in np.ndenumerate(array) if not (_is_real(x) or isinstance(x, allowed))), None)
         if strange is not None:
-            entry = f"{name}{_written(strange)} is {_shown(array[strange])}"
+            entry = f"{name}{_written(strange, rows)} is {_shown(array[strange])}"
             raise error(f"{name} has entries that are not numbers ({entry}); give floats")
     try:
         array = np.asarray(array, dtype=np.float64)
@@ -217,7 +224,7 @@ def real(
     good = np.isfinite(array)
     if accept != "any" and not good.all() and not (accept == "-inf" and (good := good | np.isneginf(array)).all()):
         place = _first(~good)
-        told = f"{name}{_written(place)} is {array[place]}, not a finite number"
+        told = f"{name}{_written(place, rows)} is {array[place]}, not a finite number"
         raise error(f"{told}: drop the row or fill it in; optkit never guesses")
     return array
 
@@ -286,7 +293,9 @@ def _first(wrong: Bools) -> tuple[int, ...]:
     return tuple(int(i) for i in np.unravel_index(int(wrong.argmax()), wrong.shape))
 
 
-def _written(place: tuple[int, ...]) -> str:
+def _written(place: tuple[int, ...], rows: Rows = None) -> str:
+    if rows is not None:
+        return f" in row {rows[place[0]]}"
     return f"[{', '.join(map(str, place))}]" if place else ""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.tables.cells import Cells, Column, Converter, labels, numbers
 from optkit.basics.tables.read import open_table
-from optkit.instances.frames import PREFIX, REQUESTS, WORKERS
+from optkit.instances.columns import PREFIX, REQUESTS, WORKERS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,8 +57,11 @@ def read_table(
         if not found:  # nothing is known here: its rows are still to be counted
             list(opened.pieces({}))
             rows = opened.rows
-    columns = {what: _values(what, found[name]) if name in found else [None] * rows for name, what in meaning.items()}
-    return pd.DataFrame(columns)
+    columns = {
+        what: _values(path, name, what, found[name]) if name in found else [None] * rows
+        for name, what in meaning.items()
+    }
+    return pd.DataFrame(columns, index=range(1, rows + 1))  # as other messages about files count
 
 
 def _converter(what: str, table: str, feature: bool, day: bool) -> Converter | None:
@@ -78,11 +81,17 @@ def _numbers_or_flags(cells: Cells) -> Column:
     return numbers(cells)
 
 
-def _values(what: str, column: Column) -> Column:
+def _values(path: Path, name: str, what: str, column: Column) -> Column:
     """Return steps and numbers of groups as numbers; an identifier stays text, however it looks."""
-    if what in (*TIMES, "group") and all(_is_number(text) for text in column):
-        return np.array([float(text) for text in column])
-    return column
+    if what not in (*TIMES, "group"):
+        return column
+    number = [_is_number(text) for text in column]
+    if what in TIMES and any(number) and not all(number):
+        i, j = number.index(False), number.index(True)
+        raise DataError(
+            f"{path}: {name} in row {i + 1} is {column[i]!r}, and {column[j]} in row {j + 1}: give steps or times"
+        )
+    return np.array([float(text) for text in column]) if all(number) else column
 
 
 def _is_number(text: str) -> bool:

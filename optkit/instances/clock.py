@@ -158,10 +158,11 @@ def _missing(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Instants:
-    """A column of times: nanoseconds since 1970 (UTC where ``zone`` is one), and the time zone that they came in."""
+    """A column of times: nanoseconds since 1970 (UTC where ``zone`` is one), their time zone, and the rows' names."""
 
     nanoseconds: Ints
     zone: Any
+    rows: Any
 
 
 def instants(name: str, column: pd.Series) -> Instants:
@@ -182,21 +183,23 @@ def instants(name: str, column: pd.Series) -> Instants:
         if wrong is not None:
             value = column.iloc[wrong]
             why = "is missing" if _missing(value) else f"= {str(value)[:60]!r} is no date and time"
-            raise InstanceError(f"{name} in row {wrong} {why}: write it like 2026-03-02T08:00:00")
+            raise InstanceError(f"{name} in row {column.index[wrong]} {why}: write it like 2026-03-02T08:00:00")
         aware = [one.tzinfo is not None for one in read if one is not None]
         if any(aware) and not all(aware):
             i, j = aware.index(True), aware.index(False)
-            raise InstanceError(f"{name} has an offset from UTC in row {i} and none in row {j}: give all one, or none")
+            rows = f"in row {column.index[i]} and none in row {column.index[j]}"
+            raise InstanceError(f"{name} has an offset from UTC {rows}: give all one, or none")
         zones = {str(one.tzinfo) for one in read if one is not None}
         if any(aware) and len(zones) > 1:  # an offset each, as where clocks change: the first in time is the day's
             zone = min(one for one in read if one is not None).tzinfo
             read = [one.tz_convert(zone) for one in read if one is not None]
         index = pd.DatetimeIndex(read)
     if index.hasnans:
-        raise InstanceError(f"{name} in row {int(index.isna().argmax())} is missing: drop the row or fill it in")
+        row = column.index[int(index.isna().argmax())]
+        raise InstanceError(f"{name} in row {row} is missing: drop the row or fill it in")
     zone = index.tz
     plain = index.tz_convert("UTC").tz_localize(None) if zone is not None else index
     try:
-        return Instants(np.asarray(plain.as_unit("ns").asi8, dtype=np.int64), zone)
+        return Instants(np.asarray(plain.as_unit("ns").asi8, dtype=np.int64), zone, column.index)
     except ValueError:  # pandas: out of bounds
         raise InstanceError(f"{name} holds times before 1678 or after 2261: nanoseconds cannot count them") from None

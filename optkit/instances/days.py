@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.errors import InstanceError
+from optkit.instances.account import Account
 from optkit.instances.clock import TIME_OF_DAY, seconds_of, timestamp
-from optkit.instances.frames import Account, Tables, fields_of, first_time, understood
+from optkit.instances.frames import Tables, fields_of, understood
 from optkit.instances.instance import Instance
+from optkit.instances.steps import first_time
 
 
 @dataclass(frozen=True)
@@ -137,9 +139,9 @@ def _days(name: str, column: Any) -> list[str]:
     import pandas as pd
 
     labels = []
-    for i, value in enumerate(column):
+    for row, value in column.items():
         if pd.isna(value) or (isinstance(value, str) and not value.strip()):
-            raise InstanceError(f"the {name} table has no day in row {i}: fill it in or drop the row")
+            raise InstanceError(f"the {name} table has no day in row {row}: fill it in or drop the row")
         if isinstance(value, float) and value.is_integer():
             value = int(value)  # a gap elsewhere made it one
         date = timestamp(value)
@@ -161,12 +163,12 @@ def _begin(label: str, part: Tables, start: Any, step: Any, parts: dict[str, Tab
     if step is None:
         return start
     if start is None:
-        firsts = [first_time(one) for one in parts.values()]
+        firsts = [first_time(one.requests, one.workers) for one in parts.values()]
         width = pd.Timedelta(seconds=seconds_of(step))
         earliest = min((first.floor(width).time() for first in firsts if first is not None), default=None)
         start = None if earliest is None else earliest.replace(microsecond=0).isoformat()
     if isinstance(start, str) and TIME_OF_DAY.fullmatch(start.strip()):
-        date, first = timestamp(label), first_time(part)
+        date, first = timestamp(label), first_time(part.requests, part.workers)
         if date is not None and first is not None:
             return date.replace(tzinfo=first.tzinfo), start.strip()
         return start

@@ -2,101 +2,43 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
-from optkit.basics.arrays import Bools, Floats, Ints, flag, floats, ints, real, whole_number
+from optkit.basics.arrays import Bools, Ints, flag, floats, real, whole_number
 from optkit.basics.errors import InstanceError
-from optkit.basics.printable import listed
-from optkit.instances.clock import (
-    SECOND,
-    TIME_OF_DAY,
-    Clock,
-    Instants,
-    at_time_of_day,
-    instants,
-    is_time,
-    seconds_of,
-    timestamp,
+from optkit.instances.account import Account
+from optkit.instances.columns import (
+    PREFIX,
+    REQUESTS,
+    WORKERS,
+    frame,
+    identifiers_of,
+    matrix,
+    need,
+    no_misspelling,
+    numbers_of,
+    once,
+    optional,
+    whole_numbers_of,
 )
-from optkit.instances.labels import identifiers, names_of
+from optkit.instances.labels import names_of
 from optkit.instances.queue import fifo_queue
+from optkit.instances.steps import Steps, steps_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-REQUESTS = ("request_id", "arrival", "expiry", "reward", "penalty", "pickup", "dropoff")
-"""Columns of a table of requests, beside utilities and features."""
-
-WORKERS = ("worker_id", "joined", "step", "group")
-"""Columns of a table of workers."""
-
-PREFIX = "utility_"
 
 MOST_STEPS = 10_000_000
 """Steps of a day that can be gone through one by one."""
 
 LONGEST_DAY = 36 * 3600
 """Seconds that two tables may span if nobody said how many steps there are: a night shift, not a month."""
-
-
-class LeftOutWarning(UserWarning):
-    """Rows or columns of a table have no part in the instance that was made of it; how many, and why."""
-
-
-@dataclass
-class Account:
-    """What became of the rows and columns of two tables.
-
-    Attributes
-    ----------
-    rows : dict of str to int
-        Rows of each table.
-    left_out : dict of str to Counter
-        Rows of each table that are in no instance, by reason.
-    cut : int
-        Requests that are open when the day ends, and expire then.
-    unused : dict of str to list of str
-        Columns of each table that play no part.
-    notes : list of str
-        What else is to be told.
-    """
-
-    rows: dict[str, int]
-    left_out: dict[str, Counter[str]] = field(default_factory=lambda: {"requests": Counter(), "workers": Counter()})
-    cut: int = 0
-    unused: dict[str, list[str]] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-
-    def lines(self) -> list[str]:
-        """Return what was left out, a line each; none if nothing was."""
-        told = []
-        for table, reasons in self.left_out.items():
-            if reasons.total():
-                why = " and ".join(f"{count} {reason}" for reason, count in reasons.items() if count)
-                told.append(f"{reasons.total()} of {self.rows[table]} {table} are left out: {why}")
-        if self.cut:
-            told.append(f"{self.cut} of {self.rows['requests']} requests are open when the day ends, and expire there")
-        for table, columns in self.unused.items():
-            if columns:
-                told.append(f"the {table} table has columns that play no part: {', '.join(columns)}")
-        return [*told, *self.notes]
-
-    def forget(self) -> None:
-        """Begin to count anew."""
-        self.cut, self.left_out = 0, {table: Counter() for table in self.left_out}
-
-    def warn(self, stacklevel: int) -> None:
-        """Warn of all that was left out."""
-        if self.lines():
-            warnings.warn("; ".join(self.lines()), LeftOutWarning, stacklevel=stacklevel + 1)
 
 
 @dataclass(frozen=True)
@@ -128,25 +70,6 @@ class Tables:
     account: Account
 
 
-def frame(name: str, table: Any) -> pd.DataFrame:
-    """Return a table of pandas, polars or pyarrow as a DataFrame whose columns are called by text.
-
-    Raises
-    ------
-    InstanceError
-        If it is no table.
-    """
-    import pandas as pd
-
-    if not isinstance(table, pd.DataFrame) and hasattr(table, "to_pandas"):
-        table = table.to_pandas()
-    if isinstance(table, Mapping):
-        table = pd.DataFrame(dict(table))
-    if not isinstance(table, pd.DataFrame) or table.columns.nlevels > 1:
-        raise InstanceError(f"{name} is a {type(table).__name__}: give a table of pandas, polars or pyarrow")
-    return table.set_axis([str(column) for column in table.columns], axis=1)
-
-
 def understood(
     requests: Any, workers: Any, features: Sequence[str], queue: bool, more: Sequence[str] = (), remedy: str = "rename"
 ) -> Tables:
@@ -163,18 +86,18 @@ def understood(
     queue = flag("queue", queue, error=InstanceError)
     requests, workers = frame("requests", requests), frame("workers", workers)
     features, more = list(map(str, features)), list(map(str, more))
-    _need("requests", requests, ["arrival", "expiry", "reward", *features, *more], remedy)
-    _need("workers", workers, ["joined|step", *more], remedy)
+    need("requests", requests, ["arrival", "expiry", "reward", *features, *more], remedy)
+    need("workers", workers, ["joined|step", *more], remedy)
     named = [c for c in requests.columns if c.startswith(PREFIX) and len(c) > len(PREFIX)]
     if not named:
-        _need("requests", requests, ["utility"], remedy)
+        need("requests", requests, ["utility"], remedy)
     group, groups, columns = _groups(requests, workers, [c for c in named if c not in features])
-    _need("requests", requests, columns, remedy)
+    need("requests", requests, columns, remedy)
     for table, own, known in (
         ("requests", requests, [*REQUESTS, *columns, *features, *more]),
         ("workers", workers, [*WORKERS, *more]),
     ):
-        _once(table, own, [c for c in known if c in own])
+        once(table, own, [c for c in known if c in own])
         no_misspelling(table, own, known)
     account = Account({"requests": len(requests), "workers": len(workers)})
     used = {"requests": {*REQUESTS, *columns, *features, *more}, "workers": {*WORKERS, *more}}
@@ -200,7 +123,7 @@ def _groups(
     text = given is not None and len(given) > 0 and any(isinstance(value, str) for value in given.tolist())
     if not text and (numbered or "utility" in requests or not named or given is not None):
         columns = [f"{PREFIX}{d}" for d in range(len(numbered))] or ["utility"]
-        _need("requests", requests, columns)
+        need("requests", requests, columns)
         if given is None:
             return np.zeros(len(workers), np.int64), None, columns
         return _numbered_groups(given, len(columns)), None, columns
@@ -215,7 +138,8 @@ def _groups(
         return np.zeros(len(workers), np.int64), names_of("group_names", names, len(names)), named
     missing = next((i for i, value in enumerate(given.tolist()) if not isinstance(value, str)), None)
     if missing is not None:
-        raise InstanceError(f"group in row {missing} of the workers table is {given.iloc[missing]!r}, and no name")
+        told = f"group in row {given.index[missing]} of the workers table is {given.iloc[missing]!r}"
+        raise InstanceError(f"{told}, and no name")
     if "utility" in requests and not names:
         names = sorted(set(given))
         columns = ["utility"] * len(names)  # liked alike by all of them
@@ -225,8 +149,8 @@ def _groups(
         if alien is not None:
             near = get_close_matches(given.iloc[alien], names, n=1)
             raise InstanceError(
-                f"group in row {alien} of the workers table is {given.iloc[alien]!r}, and the requests table has no "
-                f"column {PREFIX + given.iloc[alien]!r}; it has {', '.join(columns) or 'no utilities'}"
+                f"group in row {given.index[alien]} of the workers table is {given.iloc[alien]!r}, and the requests "
+                f"table has no column {PREFIX + given.iloc[alien]!r}; it has {', '.join(columns) or 'no utilities'}"
                 + (f" (do you mean {near[0]!r}?)" if near else "")
             )
     place = {name: d for d, name in enumerate(names)}
@@ -235,39 +159,15 @@ def _groups(
 
 
 def _numbered_groups(given: pd.Series, count: int) -> Ints:
-    group = ints("group", given, (len(given),), error=InstanceError)
+    group = whole_numbers_of("group", given)
     alien = (group < 0) | (group >= count)
     if alien.any():
         row = int(alien.argmax())
         raise InstanceError(
-            f"group in row {row} of the workers table is {group[row]}, and the requests table has utilities for the "
-            f"groups 0..{count - 1}: add the column {PREFIX}{group[row]}, or mend the group"
+            f"group in row {given.index[row]} of the workers table is {group[row]}, and the requests table has "
+            f"utilities for the groups 0..{count - 1}: add the column {PREFIX}{group[row]}, or mend the group"
         )
     return group
-
-
-@dataclass(frozen=True)
-class Steps:
-    """When requests and workers come, in steps, and what falls outside.
-
-    Attributes
-    ----------
-    arrival, expiry, worker : int arrays
-        Steps from 0; workers join the queue then, or are seen.
-    seen : int array or None
-        Steps at which workers are seen, where they joined earlier.
-    clock : Clock or None
-    before, after : str
-        What to say of what comes before the first step and after the last.
-    """
-
-    arrival: Ints
-    expiry: Ints
-    worker: Ints
-    seen: Ints | None
-    clock: Clock | None
-    before: str = ""
-    after: str = ""
 
 
 def fields_of(
@@ -280,7 +180,7 @@ def fields_of(
     step: Any = None,
 ) -> dict[str, Any]:
     """Return the fields of an Instance; see :meth:`optkit.Instance.from_frames` for arguments and errors."""
-    steps = _steps(tables, start, step)
+    steps = steps_of(tables.requests, tables.workers, tables.queue, start, step)
     if horizon is not None and whole_number("horizon", horizon, least=1, error=InstanceError) > MOST_STEPS:
         raise InstanceError(f"horizon = {horizon:,} steps: a day has at most {MOST_STEPS:,}; take longer steps")
     if horizon is None:
@@ -295,6 +195,7 @@ def fields_of(
                 f"the tables span {horizon * steps.clock.step / 86_400:.1f} days: name the column of days, or say how "
                 "many steps there are (horizon)"
             )
+    _refuse_impossible(tables.requests, steps, horizon)
     keep, expiry = np.ones(steps.arrival.size, bool), steps.expiry
     if steps.clock is not None:
         keep = _within(steps.arrival, horizon, tables.account.left_out["requests"], steps, "arrive")
@@ -306,18 +207,18 @@ def fields_of(
     columns = {
         "arrival": steps.arrival,
         "expiry": expiry,
-        "reward": floats("reward", requests["reward"], keep.shape, error=InstanceError),
-        "penalty": _optional(requests, "penalty"),
-        "pickup": _optional(requests, "pickup", whole=True),
-        "dropoff": _optional(requests, "dropoff", whole=True),
-        "features": _matrix("features", requests, tables.features, flags=True),
+        "reward": numbers_of("reward", requests["reward"]),
+        "penalty": optional(requests, "penalty"),
+        "pickup": optional(requests, "pickup", whole=True),
+        "dropoff": optional(requests, "dropoff", whole=True),
+        "features": matrix("features", requests, tables.features, flags=True),
     }
     if "request_id" in requests:
-        columns["request_id"] = identifiers("request_id", requests["request_id"].to_numpy(dtype=object), keep.size)
+        columns["request_id"] = identifiers_of("request_id", requests["request_id"])
     return dict(
         horizon=horizon,
         **{name: column[keep] for name, column in columns.items()},
-        utility=_matrix("utility", requests, tables.columns)[keep].T,
+        utility=matrix("utility", requests, tables.columns)[keep].T,
         mu=_by_group("mu", mu, tables),
         outside_utility=_by_group("outside_utility", outside_utility, tables, one=True),
         group_names=tables.groups,
@@ -327,16 +228,17 @@ def fields_of(
     )
 
 
-def _optional(requests: pd.DataFrame, name: str, whole: bool = False) -> npt.NDArray[Any]:
-    """Return a column that may be left out, and is 0 then."""
-    if name not in requests:
-        return np.zeros(len(requests), np.int64 if whole else float)
-    column = (ints if whole else floats)(name, requests[name], (len(requests),), error=InstanceError)
-    wrong = column < 0 if whole else column > 0
-    if wrong.any():
-        why = "is negative; locations count from 0" if whole else "is positive; write a cost of expiry as a number <= 0"
-        raise InstanceError(f"{name}[{int(wrong.argmax())}] = {column[int(wrong.argmax())]} {why}")
-    return column
+def _refuse_impossible(requests: pd.DataFrame, steps: Steps, horizon: int) -> None:
+    """Refuse steps that the instance would refuse, by the rows of the table."""
+    by_step = steps.clock is None
+    for wrong, name, why in (
+        (steps.expiry < steps.arrival, "expiry", "comes before its arrival; the last step to serve it is inclusive"),
+        (by_step & (steps.arrival < 0), "arrival", "is negative; steps count from 0"),
+        (by_step & (steps.expiry >= horizon), "expiry", f"is beyond the last step {horizon - 1}: cut it there"),
+    ):
+        if wrong.any():
+            i = int(wrong.argmax())
+            raise InstanceError(f"{name} in row {requests.index[i]} = {getattr(steps, name)[i]} {why}")
 
 
 def _workers(tables: Tables, steps: Steps, horizon: int) -> dict[str, Any]:
@@ -365,101 +267,13 @@ def _workers(tables: Tables, steps: Steps, horizon: int) -> dict[str, Any]:
     workers = tables.workers
     named = None
     if "worker_id" in workers:
-        named = identifiers("worker_id", workers["worker_id"].to_numpy(dtype=object), len(workers))[chosen]
+        named = identifiers_of("worker_id", workers["worker_id"])[chosen]
     return {
         "worker_step": seen,
         "worker_group": tables.group[chosen],
         "worker_id": named,
         "worker_joined": earlier if "joined" in workers or tables.queue else None,
     }
-
-
-def _steps(tables: Tables, start: Any, step: Any) -> Steps:
-    """Return all times as steps: as they are, or by the clock."""
-    requests, workers = tables.requests, tables.workers
-    come = "joined" if "joined" in workers else "step"
-    columns = {"arrival": requests["arrival"], "expiry": requests["expiry"], come: workers[come]}
-    if "joined" in workers and "step" in workers and not tables.queue:
-        columns["step"] = workers["step"]
-    timed = {name: is_time(column) for name, column in columns.items() if len(column)}
-    if not any(timed.values()):
-        if timed and (start is not None or step is not None):
-            wanted = "start" if start is not None else "step"
-            raise InstanceError(f"{wanted} goes with timestamps, and the tables count steps: leave it out")
-        whole = {
-            name: ints(name, column if len(column) else [], (len(column),), error=InstanceError)
-            for name, column in columns.items()
-        }
-        seen = whole.get("step") if come == "joined" else None
-        return Steps(whole["arrival"], whole["expiry"], whole[come], seen, None)
-    if not all(timed.values()):
-        at, count = (next(name for name, is_ in timed.items() if is_ == want) for want in (True, False))
-        raise InstanceError(f"{at} holds times and {count} numbers of steps: give times in both, or in none")
-    if step is None:
-        raise InstanceError("arrival holds times: say how long a step is, such as 15s (step)")
-    return _by_clock({name: instants(name, column) for name, column in columns.items()}, come, start, seconds_of(step))
-
-
-def _by_clock(found: dict[str, Instants], come: str, start: Any, seconds: float) -> Steps:
-    import pandas as pd
-
-    zones = {name: one.zone for name, one in found.items() if one.nanoseconds.size}
-    aware = [name for name, zone in zones.items() if zone is not None]
-    if aware and len(aware) < len(zones):
-        bare = next(name for name, zone in zones.items() if zone is None)
-        raise InstanceError(f"{aware[0]} has a time zone and {bare} has none: give both one, or neither")
-    width = round(seconds * SECOND)
-    first = _first([found["arrival"], found[come]])
-    opening = first.floor(pd.Timedelta(width, unit="ns")) if start is None else _start(start, first)
-    begin = int(opening.value)
-
-    def floor(name: str) -> Ints:
-        return np.asarray((found[name].nanoseconds - begin) // width, dtype=np.int64)
-
-    # A deadline at the very beginning of a step leaves no time in it.
-    expiry = np.asarray(-((begin - found["expiry"].nanoseconds) // width) - 1, dtype=np.int64)
-    early = found["expiry"].nanoseconds < found["arrival"].nanoseconds
-    if early.any():
-        raise InstanceError(f"expiry in row {int(early.argmax())} comes before its arrival")
-    clock = Clock(opening.isoformat(), seconds)
-    return Steps(
-        arrival=floor("arrival"), expiry=np.maximum(expiry, floor("arrival")), worker=floor(come),
-        seen=floor("step") if come == "joined" and "step" in found else None, clock=clock,
-        before=f"before the start, {opening.time()}", after="after the day's last step",
-    )  # fmt: skip
-
-
-def _first(found: Sequence[Instants]) -> pd.Timestamp:
-    """Return the earliest of all times, in its time zone."""
-    import pandas as pd
-
-    one = min((one for one in found if one.nanoseconds.size), key=lambda one: int(one.nanoseconds.min()))
-    first = pd.Timestamp(int(one.nanoseconds.min()), tz=None if one.zone is None else "UTC")
-    return first if one.zone is None else first.tz_convert(one.zone)
-
-
-def first_time(tables: Tables) -> pd.Timestamp | None:
-    """Return when the first request or worker comes; None if nobody does, or steps are counted."""
-    columns = {"arrival": tables.requests["arrival"]}
-    columns |= {name: tables.workers[name] for name in ("joined", "step") if name in tables.workers}
-    timed = [instants(name, column) for name, column in columns.items() if len(column) and is_time(column)]
-    return _first(timed) if timed else None
-
-
-def _start(start: Any, first: pd.Timestamp) -> pd.Timestamp:
-    """Return the start that somebody gave: a date and time, a time of day of the first date, or a date with one."""
-    if isinstance(start, tuple):
-        return at_time_of_day(*start)
-    if isinstance(start, str) and TIME_OF_DAY.fullmatch(start.strip()):
-        return at_time_of_day(first, start.strip())
-    found = timestamp(start)
-    if found is None:
-        raise InstanceError(f"start = {start!r} is no time: write it like 08:00 or 2026-03-02T08:00:00")
-    if (found.tzinfo is None) != (first.tzinfo is None):
-        if found.tzinfo is None:
-            return found.tz_localize(first.tzinfo)
-        raise InstanceError(f"start = {start!r} has a time zone and the tables have none: leave it out")
-    return found
 
 
 def _within(at: Ints, horizon: int, out: Counter[str], steps: Steps, verb: str) -> Bools:
@@ -490,51 +304,6 @@ def _by_group(name: str, value: Any, tables: Tables, one: bool = False) -> Any:
         return value
     array = floats(name, np.atleast_1d(real(name, value, error=InstanceError)), (None,), error=InstanceError)
     return np.full(len(tables.columns), array[0]) if array.size == 1 else array
-
-
-def no_misspelling(table: str, own: pd.DataFrame, known: Sequence[str]) -> None:
-    """Refuse a column that nearly has the name of one that is not there: it would count as 0 in silence."""
-    absent = [name for name in known if name not in own]
-    for column in own.columns:
-        near = get_close_matches(column.strip().lower(), absent, n=1, cutoff=0.75) if column not in known else []
-        if near:
-            raise InstanceError(
-                f"the {table} table has a column {column!r} and none {near[0]!r}: rename it, or drop it if that is "
-                "something else"
-            )
-
-
-def _need(table: str, own: pd.DataFrame, columns: Sequence[str], remedy: str = "rename") -> None:
-    """Raise an error unless the columns are there, once; ``joined|step`` is one that may be called either."""
-    missing = [c for c in columns if not any(name in own for name in c.split("|"))]
-    if missing:
-        have, named = listed(own.columns), ", ".join(repr(c).replace("|", "' or '") for c in missing)
-        what = [c.partition("|")[0] for c in missing]
-        raise InstanceError(f"the {table} table has no column {named}; it has: {have}. {_mend(remedy, what)}")
-    _once(table, own, columns)
-
-
-def _mend(remedy: str, missing: Sequence[str]) -> str:
-    one = "it is" if len(missing) == 1 else "they are"
-    if remedy == "rename":
-        return f"Rename what {one} called otherwise"
-    return f"Say what {one} called: {remedy} {','.join(f'{name}=COLUMN' for name in missing)}"
-
-
-def _once(table: str, own: pd.DataFrame, columns: Sequence[str]) -> None:
-    times = Counter(own.columns)
-    double = next((c for c in columns if times[c] > 1), None)
-    if double is not None:
-        raise InstanceError(f"the {table} table has the column {double!r} twice; leave one")
-
-
-def _matrix(name: str, own: pd.DataFrame, columns: list[str], flags: bool = False) -> Floats:
-    """Return columns of a table as a matrix, (rows, columns); an error names the column."""
-    matrix = np.empty((len(own), len(columns)))
-    for c, column in enumerate(columns):
-        label = column if column.startswith(name) else f"{name} {column!r}"
-        matrix[:, c] = floats(label, own[column], (len(own),), flags=flags, error=InstanceError)
-    return matrix
 
 
 def tables_of(instance: Any) -> tuple[pd.DataFrame, pd.DataFrame]:

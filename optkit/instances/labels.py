@@ -15,8 +15,10 @@ Identifiers = npt.NDArray[Any]
 """Whole numbers (int64), or text (objects)."""
 
 
-def identifiers(name: str, values: Any, count: int) -> Identifiers:
+def identifiers(name: str, values: Any, count: int, rows: Any = None) -> Identifiers:
     """Return identifiers as a read-only array: all text, or all whole numbers; no two alike.
+
+    ``rows`` is what a table calls its rows, for messages.
 
     Raises
     ------
@@ -32,29 +34,31 @@ def identifiers(name: str, values: Any, count: int) -> Identifiers:
     array = np.asarray(values)
     if array.shape != (count,):
         raise InstanceError(f"{name} has shape {array.shape}; it needs ({count},), one for each")
-    listed = [_plain(name, i, value) for i, value in enumerate(array.tolist())]
+    at = [f"{name}[{i}]" if rows is None else f"{name} in row {rows[i]}" for i in range(count)]
+    listed = [_plain(where, value) for where, value in zip(at, array.tolist(), strict=True)]
     text = [isinstance(value, str) for value in listed]
     if any(text) and not all(text):
         i = text.index(not text[0])
-        raise InstanceError(f"{name}[0] = {listed[0]!r} and {name}[{i}] = {listed[i]!r}: write all as text, or none")
+        raise InstanceError(f"{at[0]} = {listed[0]!r} and {at[i]} = {listed[i]!r}: write all as text, or none")
     first: dict[Any, int] = {}
     for i, value in enumerate(listed):
         if first.setdefault(value, i) != i:
-            raise InstanceError(f"{name}[{i}] = {value!r} is that of row {first[value]} too: each has one of its own")
+            other = at[first[value]]
+            raise InstanceError(f"{at[i]} = {value!r} is the same as {other}: each has one of its own")
     made = np.array(listed, dtype=object if any(text) else np.int64)
     made.flags.writeable = False
     return made
 
 
-def _plain(name: str, i: int, value: Any) -> Any:
+def _plain(where: str, value: Any) -> Any:
     if isinstance(value, str):
         return value
     if value is None or value != value:
-        raise InstanceError(f"{name}[{i}] is missing: give each an identifier, or leave all out")
+        raise InstanceError(f"{where} is missing: give each an identifier, or leave all out")
     try:
-        return whole_number(f"{name}[{i}]", value, error=InstanceError)
+        return whole_number(where, value, error=InstanceError)
     except InstanceError:
-        raise InstanceError(f"{name}[{i}] = {value!r} is neither text nor a whole number") from None
+        raise InstanceError(f"{where} = {value!r} is neither text nor a whole number") from None
 
 
 def group_of(group: str | int | None, names: Sequence[str]) -> int:

@@ -7,12 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, floats, ints, whole_number
-from optkit.basics.errors import InputError, InstanceError
+from optkit.basics.arrays import Floats, whole_number
+from optkit.basics.errors import InputError
 from optkit.instances.clock import Clock
-from optkit.instances.frames import PREFIX, REQUESTS, frame, no_misspelling
+from optkit.instances.columns import (
+    PREFIX,
+    REQUESTS,
+    frame,
+    identifiers_of,
+    no_misspelling,
+    numbers_of,
+    whole_numbers_of,
+)
 from optkit.instances.instance import Instance
-from optkit.instances.labels import group_of, identifiers
+from optkit.instances.labels import group_of
 from optkit.learning.moments import moment
 from optkit.simulation.batch import Batch
 from optkit.simulation.state import State
@@ -76,12 +84,13 @@ def seen_by(
         raise InputError(f"step {now} is none of the {horizon} steps that the policy was trained on: 0..{horizon - 1}")
     if not len(table):
         raise InputError("there are no requests to price")
-    called = next((table[name].to_numpy(dtype=object) for name in ("request_id", "request") if name in table), None)
-    named = range(len(table)) if called is None else identifiers("request_id", called, len(table))
+    called = next((table[name] for name in ("request_id", "request") if name in table), None)
+    named = range(len(table)) if called is None else identifiers_of("request_id", called)
     gone = np.flatnonzero(expiry < now)
     if gone.size:
+        row = table.index[gone[0]]
         raise InputError(
-            f"expiry in row {gone[0]} is step {expiry[gone[0]]}, before step {now}: leave out what has expired"
+            f"expiry in row {row} is step {expiry[gone[0]]}, before step {now}: leave out what has expired"
         )
     groups = len(names)
     seen = np.arange(now - whole_number("busy", busy, least=1, most=now + 1) + 1, now + 1)
@@ -151,8 +160,8 @@ def _need(table: pd.DataFrame, columns: list[str]) -> None:
 def _numbers(table: pd.DataFrame, name: str, default: float | None = None) -> Floats:
     if name not in table and default is not None:
         return np.full(len(table), default)
-    return floats(name, table[name] if len(table) else [], (len(table),), flags=True, error=InstanceError)
+    return numbers_of(name, table[name], flags=True)
 
 
 def _places(table: pd.DataFrame, name: str) -> Any:
-    return ints(name, table[name], (len(table),)) if name in table else np.zeros(len(table), np.int64)
+    return whole_numbers_of(name, table[name]) if name in table else np.zeros(len(table), np.int64)

@@ -156,3 +156,19 @@ def test_other_formats(tmp_path, suffix):
     found, expected = load_instances(tmp_path / suffix), load_instances(tmp_path / "csv")
     assert [one.arrival.tolist() for one in found] == [one.arrival.tolist() for one in expected]
     assert [one.request_id.tolist() for one in found] == [one.request_id.tolist() for one in expected]
+
+
+def test_rows_of_files_count_from_1(tmp_path):
+    """Whether a cell cannot be read, or what it says cannot be."""
+    (tmp_path / "workers.csv").write_text("joined\n1\n")
+    for cell, message in (
+        ("x", "expiry in row 2 is 'x', and 3 in row 1: give steps or times"),
+        ("0", "expiry in row 2 = 0 comes before its arrival"),
+        ("", "expiry in row 2 is empty"),
+        ("2.5", "expiry in row 2 = 2.5 is not a whole number"),
+    ):
+        (tmp_path / "requests.csv").write_text(f"arrival,expiry,reward,utility\n0,3,9,-1\n1,{cell},9,-1\n")
+        done = optkit(
+            "instances", tmp_path / "requests.csv", tmp_path / "workers.csv", "--out", tmp_path / "o", check=2
+        )
+        assert message in done.stderr

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import sparse, stats
 
 from optkit.basics.errors import InputError, InstanceError, OptkitError
+from optkit.instances.account import LeftOutWarning
 from optkit.instances.clock import Clock
-from optkit.instances.frames import LeftOutWarning
 from optkit.instances.instance import Instance, fifo_queue
 
 BASE = {
@@ -530,9 +530,9 @@ TABLE_ERRORS = {
     "no feature": (SIMPLE, WORKERS[["step"]], {"features": ["size"]}, ["requests table", "'size'"]),
     "gap in the groups": (REQUESTS.drop(columns="utility_0"), WORKERS, {}, ["requests table", "'utility_0'"]),
     "mu for too many groups": (SIMPLE, WORKERS[["step"]], {"mu": [1, 2]}, ["utility", "(2, 2)"]),
-    "fraction": (SIMPLE.assign(arrival=[0.5, 1]), WORKERS[["step"]], {}, ["arrival[0]", "whole number"]),
-    "missing expiry": (SIMPLE.assign(expiry=[np.nan, 3]), WORKERS[["step"]], {}, ["expiry[0]", "nan"]),
-    "missing everywhere": (SIMPLE.assign(expiry=np.nan), WORKERS[["step"]], {}, ["expiry[0]", "nan"]),
+    "fraction": (SIMPLE.assign(arrival=[0.5, 1]), WORKERS[["step"]], {}, ["arrival in row 0", "whole number"]),
+    "missing expiry": (SIMPLE.assign(expiry=[np.nan, 3]), WORKERS[["step"]], {}, ["expiry in row 0", "nan"]),
+    "missing everywhere": (SIMPLE.assign(expiry=np.nan), WORKERS[["step"]], {}, ["expiry in row 0", "nan"]),
     "missing step": (SIMPLE, pd.DataFrame({"step": [1, np.nan]}), {}, ["step", "nan"]),
     "missing step in a queue": (SIMPLE, pd.DataFrame({"step": [1, np.nan]}), {"queue": True}, ["step", "nan"]),
     "nullable step": (SIMPLE, pd.DataFrame({"step": pd.array([1, pd.NA], "Int64")}), {}, ["step", "nan"]),
@@ -540,9 +540,9 @@ TABLE_ERRORS = {
         SIMPLE.assign(reward=pd.array([1, pd.NA], "Int64")),
         WORKERS[["step"]],
         {},
-        ["reward[1]", "nan"],
+        ["reward in row 1", "nan"],
     ),
-    "infinite expiry": (SIMPLE.assign(expiry=[2, np.inf]), WORKERS[["step"]], {}, ["expiry[1]", "inf"]),
+    "infinite expiry": (SIMPLE.assign(expiry=[2, np.inf]), WORKERS[["step"]], {}, ["expiry in row 1", "inf"]),
     "words for steps": (SIMPLE, pd.DataFrame({"step": ["one", "two"]}), {}, ["step", "not numbers"]),
     "words for expiries": (SIMPLE.assign(expiry=["a", "b"]), WORKERS[["step"]], {}, ["expiry", "not numbers"]),
     "words for utilities": (SIMPLE.assign(utility=["a", "b"]), WORKERS[["step"]], {}, ["utility", "not numbers"]),

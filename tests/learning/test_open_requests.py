@@ -71,7 +71,7 @@ def test_what_cannot_be_priced_is_said(trained):
         (table.drop(columns="reward"), more, "no column 'reward'"),
         (table.assign(expiry=step - 1), more, "leave out what has expired"),
         (table.iloc[:0], more, "no requests to price"),
-        (pd.concat([table, table]), more, "is that of row 0 too"),
+        (pd.concat([table, table]), more, f"in row {len(table)} = .* is the same as request_id in row 0"),
         (table, {"step": step}, "of which group the worker is: a, b, c"),
         (table, {"step": step, "group": "d"}, "no group is called 'd'"),
         (table, {"group": "a"}, "at which step .* or at which time"),
