@@ -9,10 +9,13 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import copy
+from functools import cache
 from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_command
 
 from optkit.basics.errors import OptkitError
 from optkit.basics.printable import printable
@@ -80,6 +83,23 @@ def root(version: bool = typer.Option(False, "--version", help="Print the versio
 for verb in (run, generate, instances, bound, certify, price, collect, fit, train, evaluate, study, teach):
     app.command()(verb)
 
+VERBS = {verb.callback.__name__: verb for verb in app.registered_commands if verb.callback is not None}
+
+
+def _command(verb: str) -> Any:
+    """Return the command with this verb alone, or with all where there is none of that name.
+
+    Typer reads the options of every verb that a command has, which takes longer than many a verb.
+    """
+    return _built(verb if verb in VERBS else "")
+
+
+@cache
+def _built(verb: str) -> Any:
+    part = copy(app)
+    part.registered_commands = [VERBS[verb]] if verb else app.registered_commands
+    return get_command(part)
+
 
 def main() -> None:
     """Run the command line; errors of optkit become one line and exit status 2."""
@@ -89,7 +109,7 @@ def main() -> None:
     with _any_encoding(), _library_logs(), printing_aside(), warnings.catch_warnings():
         warnings.showwarning = _warned
         try:
-            app()
+            _command(sys.argv[1] if sys.argv[1:] else "")()
         except OptkitError as error:
             if "--traceback" in sys.argv:
                 say(*"".join(traceback.format_exception(error)).splitlines(), err=True)

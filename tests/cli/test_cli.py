@@ -451,8 +451,8 @@ def test_interruption_is_said_and_leaves_nothing(tmp_path, sent):
             os.dup2(writing, 2)
             sys.stdout = sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
             door = sys.modules["optkit.cli.app"]
-            verb = door.app
-            with patch.object(door, "app", lambda: (print("started", flush=True), verb())):
+            command = door._command
+            with patch.object(door, "_command", lambda verb: (print("started", flush=True), command(verb))[1]):
                 status = optkit_process("run", "I.1", "--out", str(tmp_path / "r"))
         finally:
             sys.stderr.flush()

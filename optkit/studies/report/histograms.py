@@ -55,9 +55,10 @@ def histogram_rows(ax: Axes, rows: pd.DataFrame, by: str, value: str, edges: Flo
     ['-2.75', '-1.00']
     """
     shares = []
+    which, values, weights = (rows[column].to_numpy() for column in (by, value, "count"))
     for number in range(1, len(names) + 1):
-        own = rows[rows[by] == number]
-        count = np.histogram(own[value], edges, weights=own["count"])[0]
+        own = which == number
+        count = np.histogram(values[own], edges, weights=weights[own])[0]
         shares.append(count / max(count.sum(), 1))
     top = max(float(share.max()) for share in shares) or 1.0
     for number, share in enumerate(shares, 1):
@@ -65,10 +66,10 @@ def histogram_rows(ax: Axes, rows: pd.DataFrame, by: str, value: str, edges: Flo
         heights = base + TALL * share / top
         ax.stairs(heights, edges, baseline=base, fill=True, facecolor="#56B4E9", edgecolor="#0072B2", linewidth=0.7)
         ax.axhline(base, color="0.6", linewidth=0.6)
-        own = rows[rows[by] == number]
-        if own.empty:
+        own = which == number
+        if not own.any():
             continue
-        mean = float(np.average(own[value], weights=own["count"]))
+        mean = float(np.average(values[own], weights=weights[own]))
         ax.plot([mean, mean], [base, base + TALL], color="black", linewidth=1.2)
         said = f"{round(mean, 2) + 0.0:.2f}"  # never "-0.00"
         ax.annotate(
