@@ -4,10 +4,13 @@ On a page, ``python`` blocks with prompts run as one session, ``console`` blocks
 block with a caption is written to a file of that name. All of a page's blocks share one empty folder.
 """
 
+import contextlib
 import doctest
+import io
 import json
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -81,14 +84,22 @@ def commands(body):
         yield f"$ {typed}", command, part[len(typed) :]
 
 
-VERB = re.compile(r"(optkit (?:[^|;&<>$`*'\"]|'[^']*'|\"[^\"$`]*\")*)(?:\|([^|].*))?", re.S)
-"""A call of optkit, and what its output is piped to, of which the shell need change nothing."""
+VERB = re.compile(
+    r"(optkit (?:[^|;&<>$`*'\"]|'[^']*'|\"[^\"$`]*\")*)"
+    r"(?:(?P<told>(?:;|\|\|) echo \"exit status \$\?\")|\|(?P<pipe>[^|].*))?",
+    re.S,
+)
+"""A call of optkit, and what its output is piped to or that its status is told: the shell need change nothing."""
+
+SCRIPT = re.compile(r"python (\w+\.py(?: [\w.]+)*)")
+"""A call of a script."""
 
 
 def shell(command, folder):
     """Run a command in a folder, with this environment's programs first, and return what it prints.
 
-    A plain call of optkit is made in this process, which has imported already what another would import anew.
+    A plain call of optkit or of a script is made in this process, which has imported already what another would
+    import anew.
     """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {"PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -96,9 +107,17 @@ def shell(command, folder):
     if verb:
         with patch.dict(os.environ, environment):
             done = optkit(*shlex.split(verb[1])[1:], cwd=folder)
-        if verb[2] is None:
+        if verb["told"]:
+            tells = done.returncode or verb["told"].startswith(";")
+            return f"{done.stderr}{done.stdout}" + f"exit status {done.returncode}\n" * bool(tells)
+        if verb["pipe"] is None:
             return done.stderr + done.stdout
-        said, given, command = done.stderr, done.stdout, verb[2]
+        said, given, command = done.stderr, done.stdout, verb["pipe"]
+    elif script := SCRIPT.fullmatch(command):
+        words, printed = script[1].split(), io.StringIO()
+        with patch.object(sys, "argv", words), contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+            runpy.run_path(words[0], run_name="__main__")
+        return printed.getvalue()
     done = subprocess.run(
         ["bash", "-c", command],
         cwd=folder,
