@@ -309,7 +309,7 @@ def test_repr_is_one_short_line():
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(layouts())
 def test_pairs_against_brute_force(instance):
     """pairs() lists exactly the (worker, request) with arrival <= step <= expiry, by worker, then by request."""
@@ -593,7 +593,7 @@ def plain_queue(arrival, horizon):
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(st.lists(st.integers(0, 12), max_size=15), st.integers(1, 15))
 def test_fifo_queue_against_a_plain_queue(arrival, horizon):
     """fifo_queue serves the same workers at the same steps as a queue worked off step by step."""
