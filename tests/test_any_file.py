@@ -7,7 +7,7 @@ import pytest
 from optkit.basics.tables import cells
 from tests.any_file import KINDS, attempt, valid
 
-SEEDS = 600
+SEEDS = 500
 """Files tried here; ``python -m tests.any_file SECONDS`` tries more."""
 
 
