@@ -105,25 +105,39 @@ def turned_round(notebook, folder):
     return folder / notebook.name
 
 
-SCRIPTS = """
+ALONE = """
 import runpy, sys
-for path in sys.argv[1:]:
-    print("begun", path, file=sys.stderr)
+from marimo._cli.cli import main
+exported, *scripts = sys.argv[1:]
+page = exported.removesuffix(".py") + ".html"
+assert not main(["--yes", "export", "html", exported, "-o", page], standalone_mode=False)
+for path in scripts:
+    for stream in (sys.stdout, sys.stderr):
+        print("begun", path, file=stream, flush=True)
     runpy.run_path(path, run_name="__main__")
 """
-"""Runs scripts one after the other, as long as none fails."""
+"""Exports a notebook as marimo's command does, then runs scripts one after the other, as long as none fails."""
+
+
+@pytest.fixture(scope="module")
+def alone(surroundings, tmp_path_factory):
+    """What a process leaves that exports the first notebook, and runs another as it is and turned round."""
+    folder = tmp_path_factory.mktemp("alone")
+    notebook = NOTEBOOKS[2]  # the quickest; all end in the same lines
+    copy = Path(shutil.copy(NOTEBOOKS[0], folder))  # the export leaves a cache beside it
+    false = turned_round(notebook, folder)
+    done = run("-c", ALONE, copy, notebook, false, cwd=folder, env=surroundings)
+    return done, copy.with_suffix(".html"), notebook, false
 
 
 @pytest.mark.slow
-def test_a_script_ends_as_its_claims_say(surroundings, tmp_path):
+def test_a_script_ends_as_its_claims_say(alone):
     """Run as a script, a notebook is silent; with an assertion turned round it leaves with an error."""
-    notebook = NOTEBOOKS[2]  # the quickest; all end in the same lines
-    false = turned_round(notebook, tmp_path)
-    done = run("-c", SCRIPTS, notebook, false, cwd=tmp_path, env=surroundings)
-    assert done.stdout == ""
-    assert done.stderr.startswith(f"begun {notebook}\nbegun {false}\n")
+    done, _, notebook, false = alone
+    assert done.stdout.endswith(f"begun {notebook}\nbegun {false}\n")
+    assert f"begun {notebook}\nbegun {false}\nTraceback" in done.stderr
     assert done.returncode != 0
-    assert "AssertionError" in done.stderr
+    assert "AssertionError" in done.stderr.partition("Traceback")[2]
     for path in NOTEBOOKS:
         assert path.read_text().endswith('\n\nif __name__ == "__main__":\n    app.run()\n')
 
@@ -302,24 +316,13 @@ def fits_a_phone_and_the_dark(page, text):
 # --- As HTML ----------------------------------------------------------------------------------------------------
 
 
-EXPORT = """
-import sys
-from marimo._cli.cli import main
-path = sys.argv[1]
-main(["--yes", "export", "html", path, "-o", path.removesuffix(".py") + ".html"], standalone_mode=False)
-"""
-"""As marimo's command does."""
-
-
 @pytest.mark.slow
-def test_export_runs_and_needs_the_net_to_be_looked_at(surroundings, tmp_path):
+def test_export_runs_and_needs_the_net_to_be_looked_at(alone):
     """The export runs every cell and holds its output, but a browser would fetch its looks: so optkit teach serves."""
     # One of them: that every cell of the others runs too is seen as script and as app.
-    notebook = NOTEBOOKS[0]
-    copy = shutil.copy(notebook, tmp_path)  # the export leaves a cache beside it
-    done = run("-c", EXPORT, copy, cwd=tmp_path, env=surroundings)
-    assert done.returncode == 0, done.stderr
-    text = (tmp_path / f"{notebook.stem}.html").read_text()
+    done, page, *_ = alone
+    assert "begun" in done.stdout, done.stderr  # the export has ended well
+    notebook, text = NOTEBOOKS[0], page.read_text()
     assert text.count("data-number") >= len(re.findall(r"<output", notebook.read_text()))
     assert "AssertionError" not in text.replace(notebook.read_text(), "")
     assert "marimo-error" not in text
