@@ -12,7 +12,7 @@ from optkit.basics.arrays import Bools, Floats, Known
 from optkit.basics.errors import InputError
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions, Given, largest
-from optkit.models.pricing import closed_form
+from optkit.models.pricing import closed_form, enclosure
 from optkit.models.pricing.certificate import PriceCertificate, certify
 
 if TYPE_CHECKING:
@@ -168,7 +168,8 @@ def optimal_prices(
     far = _far(d, acceptance)
     if far.any():
         acceptance, rejection, profit = np.array(acceptance), np.array(rejection).reshape(-1, 1), np.array(profit)
-        acceptance[far], rejection[far], profit[far] = _taken(given.rows(np.flatnonzero(far)), compensation[far])
+        (profit[far], _), taken = enclosure.earned(given.rows(np.flatnonzero(far)), compensation[far])
+        acceptance[far], rejection[far] = taken[:, :-1], taken[:, -1:]
     n = compensation.shape[1]
     return Pricing(
         compensation=compensation.reshape(*d.shape, n),
@@ -198,19 +199,6 @@ def _far(d: Decisions, acceptance: Floats) -> Bools:
             "floats leave no room for differences among requests; a tenth of that says as much"
         )
     return np.asarray((size > FAR).any(axis=1))
-
-
-def _taken(given: Given, compensation: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return acceptance (S, n), rejection and profit (S, 1) of prices, by differences to what is liked most."""
-    shown = np.ones(compensation.shape, bool) if given.offered is None else given.offered
-    liked = np.where(shown, given.utility + compensation, -np.inf)
-    outside = np.broadcast_to(given.outside_utility, given.mu.shape)
-    top = np.maximum(liked.max(axis=1, keepdims=True), outside)
-    weight, none = np.exp((liked - top) / given.mu), np.exp((outside - top) / given.mu)
-    total = weight.sum(axis=1, keepdims=True) + none
-    share = weight / total
-    profit = (share * np.where(shown, given.money - compensation, 0.0)).sum(axis=1, keepdims=True)
-    return share, none / total, profit
 
 
 def _fine_enough(d: Decisions, found: closed_form.Solution) -> None:

@@ -1,5 +1,6 @@
 """Optimal compensations: optimality against independent searches, and the laws that prices obey."""
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -420,6 +421,31 @@ def test_who_must_take_something(seed, far, mu):
     many = optimal_prices(np.tile(value, (3, 1)), utility, mu, outside_utility=[-far, 0.0, -far])
     assert many.profit[[0, 2]] == pytest.approx(float(found.profit), rel=1e-12)
     assert many.profit[1] == pytest.approx(float(optimal_prices(value, utility, mu).profit), rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e6, 1e8, 1e10, 3e11, 1e12])
+def test_large_amounts_that_cancel(size):
+    """Value, utility and outside option as large as that: profit and acceptance are those of the prices, to the digit.
+
+    The references are differences of the very floats, in 60 digits.
+    """
+    rng = np.random.default_rng(int(size))
+    for _ in range(12):
+        n = int(rng.integers(1, 4))
+        value = size * rng.uniform(0.3, 1.0) + rng.uniform(0, 10, n)
+        utility = rng.uniform(-5, 15, n) - value
+        outside = size * float(rng.choice([0.0, 0.7, -0.7]))
+        found = optimal_prices(value, utility + outside, 1.0, outside_utility=outside)
+        with mpmath.workdps(60):
+            paid, worth = (list(map(mpmath.mpf, x)) for x in (found.compensation, value))
+            liked = [mpmath.mpf(u) + c - mpmath.mpf(outside) for u, c in zip(utility + outside, paid, strict=True)]
+            weight = [mpmath.exp(x - max(*liked, 0)) for x in [*liked, mpmath.mpf(0)]]
+            share = [w / sum(weight) for w in weight[:-1]]
+            profit = sum(p * (v - c) for p, v, c in zip(share, worth, paid, strict=True))
+        assert float(found.profit) == pytest.approx(float(profit), rel=1e-9, abs=1e-9)
+        assert found.acceptance == pytest.approx([float(p) for p in share], rel=1e-9, abs=1e-12)
+        proof = certify(found.compensation, value, utility + outside, 1.0, outside_utility=outside)
+        assert found.profit <= proof.bound + 1e-12 * (1.0 + abs(proof.bound))
 
 
 @pytest.mark.parametrize("far", [1e13, 1e17, 1e20])
