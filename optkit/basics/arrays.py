@@ -238,6 +238,27 @@ def check_shape(name: str, array: npt.NDArray[Any], shape: Shape | None, *, erro
         raise error(f"{name} has shape {array.shape}; it needs ({wanted})")
 
 
+def text_names(name: str, values: Any, count: int | None = None, *, error: Error = InputError) -> tuple[str, ...]:
+    """Return names: text, all different and none empty.
+
+    Raises
+    ------
+    InputError
+        Or the error class given: if there are not so many, one is no text or empty, or two are alike.
+    """
+    listed = [values] if isinstance(values, str) else list(values)
+    if count is not None and len(listed) != count:
+        raise error(f"{name} has {len(listed)} names; it needs {count}, one for each")
+    seen: set[str] = set()
+    for i, one in enumerate(listed):
+        if not isinstance(one, str) or not one.strip():
+            raise error(f"{name}[{i}] = {_shown(one)} is no name")
+        if one in seen:
+            raise error(f"{name}[{i}] = {one!r} is there twice")
+        seen.add(one)
+    return tuple(map(str, listed))
+
+
 def _array(name: str, value: Any, error: Error, *, flags: bool = False, any_kind: bool = False) -> npt.NDArray[Any]:
     """Return what is given as an array, without a copy where it is one: of numbers or objects, or as said."""
     if type(value) is np.ndarray and value.dtype.kind in "fiu":  # most are, and need no more questions

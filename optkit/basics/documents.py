@@ -56,7 +56,7 @@ def read_document(path: str | os.PathLike[str], form: str, version: int, what: s
         raise DataError(f"{source} holds no {what} ({error})") from None
     if plain.get("format") != form:
         raise DataError(f"{source} holds no {what}")
-    if plain.get("version") != version:
+    if plain.get("version") != version or isinstance(plain["version"], bool):
         raise DataError(f"{source} has version {plain.get('version')!r}; this optkit reads version {version}")
     if "sha256" in plain and not is_sealed(plain):
         raise DataError(f"{source} was changed or damaged (its sha256 differs; after an edit, delete that entry)")

@@ -201,6 +201,8 @@ def _by_policy(
     except InputError as error:
         raise InputError(f"{table}, priced by {policy}: {error}") from None
     learned = "as the policy learned" if preferences is None else "of the preferences"
+    for note in seen.notes:
+        say(f"optkit: {table}: {note}", err=True)
     offered, source = np.ones(len(seen.names), bool), learned if trained.preferences else "as given"
     if trained.preferences is None and mu is None:
         source = "by default"

@@ -8,6 +8,7 @@ from optkit.basics.arrays import Bools, Floats, Ints, locked
 from optkit.bounds.arrival.policy_value import Offer
 from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
+from optkit.simulation.same_world import same_world
 from optkit.simulation.simulator import Policy, offers
 from optkit.simulation.state import State
 
@@ -56,7 +57,8 @@ def lattice_offers(instance: Instance, policy: Policy) -> Offer:
             # All belong to the first run, of the first instance.
             nought = np.zeros(some.size, np.int64)
             seen = (nought, nought, np.full(some.size, worker), request, offered)
-            found = offers(policy, State(batch, step, *locked(seen)))
+            with same_world(batch, policy):
+                found = offers(policy, State(batch, step, *locked(seen)))
             paid[some[:, None], column] = found
         return paid
 

@@ -31,6 +31,8 @@ class Clock:
         Date and time in ISO form, with the offset from UTC if the tables have one.
     step : float
         Seconds.
+    zone : str, optional
+        Name of the time zone, such as Europe/Berlin, if the tables have one whose clocks may change.
 
     Examples
     --------
@@ -41,17 +43,50 @@ class Clock:
 
     start: str
     step: float
+    zone: str | None = None
 
     def __post_init__(self) -> None:
+        import pandas as pd
+
         if timestamp(self.start) is None or not isinstance(self.start, str):
             raise InstanceError(f"the clock starts at {self.start!r}: give a date and time, like 2026-03-02T08:00:00")
         object.__setattr__(self, "step", number("the clock's step", self.step, above=0.0, error=InstanceError))
+        if self.zone is not None:
+            try:
+                known = pd.Timestamp(self.start).tz_convert(self.zone)
+            except (KeyError, OSError, TypeError, ValueError):
+                known = None
+            if known is None or known.utcoffset() != pd.Timestamp(self.start).utcoffset():
+                raise InstanceError(f"the clock's zone {self.zone!r} is none in which it is {self.start}")
+
+    @staticmethod
+    def describes(plain: Any) -> bool:
+        """Whether plain data have the attributes of a clock and no others."""
+        return isinstance(plain, dict) and {"start", "step"} <= set(plain) <= {"start", "step", "zone"}
+
+    @classmethod
+    def read(cls, plain: Any) -> Clock:
+        """Make a clock again from its attributes in a dict.
+
+        Raises
+        ------
+        InstanceError
+            If one is missing, unknown or wrong.
+        """
+        if not cls.describes(plain):
+            raise InstanceError(f"a clock has start, step and perhaps zone, and not {str(plain)[:80]}")
+        return cls(**plain)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for :meth:`read`."""
+        return {"start": self.start, "step": self.step} | ({} if self.zone is None else {"zone": self.zone})
 
     def time_of(self, step: int) -> pd.Timestamp:
         """Return when a step begins."""
         import pandas as pd
 
-        return pd.Timestamp(self.start) + pd.Timedelta(int(step) * round(self.step * SECOND), unit="ns")
+        start = pd.Timestamp(self.start) if self.zone is None else pd.Timestamp(self.start).tz_convert(self.zone)
+        return start + pd.Timedelta(int(step) * round(self.step * SECOND), unit="ns")
 
     def step_at(self, time: Any) -> int:
         """Return the step in which a time falls, below 0 before the start; a time of day is one of the first day.
@@ -74,6 +109,21 @@ class Clock:
         if (wanted.tzinfo is None) != (start.tzinfo is None):
             raise InstanceError(f"{time!r} and the start {self.start}: give both an offset from UTC, or neither")
         return int((wanted.value - start.value) // round(self.step * SECOND))
+
+
+def zone_name(zone: Any) -> str | None:
+    """Return the name of a time zone whose clocks may change, or of UTC; None for a bare offset, or no zone.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> [zone_name(pd.Timestamp(f"2026-03-02T08:00{offset}").tzinfo) for offset in ("", "Z", "+01:00")]
+    [None, 'UTC', None]
+    >>> zone_name(pd.Timestamp("2026-03-02T08:00", tz="Europe/Berlin").tzinfo)
+    'Europe/Berlin'
+    """
+    name = getattr(zone, "key", None) or getattr(zone, "zone", None)
+    return "UTC" if name is None and str(zone) == "UTC" else name
 
 
 def at_time_of_day(day: pd.Timestamp, text: str) -> pd.Timestamp:

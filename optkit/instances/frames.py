@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Ints, flag, floats, real, whole_number
+from optkit.basics.arrays import Bools, Ints, flag, floats, real, text_names, whole_number
 from optkit.basics.errors import InstanceError
 from optkit.instances.account import Account
 from optkit.instances.columns import (
@@ -27,7 +27,6 @@ from optkit.instances.columns import (
     optional,
     whole_numbers_of,
 )
-from optkit.instances.labels import names_of
 from optkit.instances.queue import fifo_queue
 from optkit.instances.steps import Steps, steps_of
 
@@ -135,7 +134,7 @@ def _groups(
                 f"the requests table has utilities of the groups {', '.join(names)}, and the workers table no column "
                 "'group' that says of which each worker is"
             )
-        return np.zeros(len(workers), np.int64), names_of("group_names", names, len(names)), named
+        return np.zeros(len(workers), np.int64), text_names("group_names", names, error=InstanceError), named
     missing = next((i for i, value in enumerate(given.tolist()) if not isinstance(value, str)), None)
     if missing is not None:
         told = f"group in row {given.index[missing]} of the workers table is {given.iloc[missing]!r}"
@@ -155,7 +154,7 @@ def _groups(
             )
     place = {name: d for d, name in enumerate(names)}
     numbers = np.array([place[value] for value in given], dtype=np.int64)
-    return numbers, names_of("group_names", names, len(names)), columns
+    return numbers, text_names("group_names", names, error=InstanceError), columns
 
 
 def _numbered_groups(given: pd.Series, count: int) -> Ints:

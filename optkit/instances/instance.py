@@ -12,10 +12,10 @@ import numpy.typing as npt
 from scipy import sparse
 
 from optkit.basics import arrays
-from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, locked
+from optkit.basics.arrays import Floats, Ints, ReadOnlyArrays, locked, text_names
 from optkit.basics.errors import InstanceError
 from optkit.instances.clock import Clock
-from optkit.instances.labels import Identifiers, identifiers, names_of
+from optkit.instances.labels import Identifiers, identifiers
 from optkit.instances.queue import fifo_queue
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ class Instance(ReadOnlyArrays):
         counts = {"group_names": self.n_groups, "feature_names": self.features.shape[1]}
         for name, size in counts.items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, names_of(name, getattr(self, name), size))
+                object.__setattr__(self, name, text_names(name, getattr(self, name), size, error=InstanceError))
         if self.clock is not None and not isinstance(self.clock, Clock):
             raise InstanceError(f"clock is a {type(self.clock).__name__}, not a Clock")
         if self.worker_joined is not None:

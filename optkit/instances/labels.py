@@ -62,7 +62,7 @@ def _plain(where: str, value: Any) -> Any:
 
 
 def group_of(group: str | int | None, names: Sequence[str]) -> int:
-    """Return the number of a group from its name or its number; of one group, also from nothing.
+    """Return the number of a group from its name, or from its number where no name is one; of one, also from nothing.
 
     Raises
     ------
@@ -71,8 +71,8 @@ def group_of(group: str | int | None, names: Sequence[str]) -> int:
 
     Examples
     --------
-    >>> group_of("car", ["bike", "car"]), group_of("0", ["bike", "car"]), group_of(None, ["0"])
-    (1, 0, 0)
+    >>> group_of("car", ["bike", "car"]), group_of(1, ["0", "1"]), group_of(None, ["0"])
+    (1, 1, 0)
     """
     if group is None and len(names) > 1:
         raise InputError(f"say of which group the worker is: {', '.join(names)}")
@@ -80,33 +80,7 @@ def group_of(group: str | int | None, names: Sequence[str]) -> int:
         return 0
     if str(group) in names:
         return list(names).index(str(group))
-    number = isinstance(group, int) or str(group).isdecimal()
-    if not number or not 0 <= int(group) < len(names):
+    by_place = isinstance(group, int) and not any(name.isdecimal() for name in names)  # else a number may be a name
+    if not by_place or not 0 <= int(group) < len(names):
         raise InputError(f"no group is called {group!r}; there are {', '.join(names)}")
     return int(group)
-
-
-def names_of(name: str, values: Sequence[Any], count: int) -> tuple[str, ...]:
-    """Return names, all different and none empty.
-
-    Raises
-    ------
-    InstanceError
-        If there are not so many, one is no text or empty, or two are alike.
-
-    Examples
-    --------
-    >>> names_of("group_names", ["bike", "car"], 2)
-    ('bike', 'car')
-    """
-    listed = [values] if isinstance(values, str) else list(values)
-    if len(listed) != count:
-        raise InstanceError(f"{name} has {len(listed)} names; it needs {count}, one for each")
-    seen: set[str] = set()
-    for i, one in enumerate(listed):
-        if not isinstance(one, str) or not one.strip():
-            raise InstanceError(f"{name}[{i}] = {one!r} is no name")
-        if one in seen:
-            raise InstanceError(f"{name} has {one!r} twice")
-        seen.add(one)
-    return tuple(map(str, listed))

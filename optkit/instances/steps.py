@@ -20,6 +20,7 @@ from optkit.instances.clock import (
     is_time,
     seconds_of,
     timestamp,
+    zone_name,
 )
 from optkit.instances.columns import whole_numbers_of
 
@@ -94,7 +95,7 @@ def _by_clock(found: dict[str, Instants], come: str, start: Any, seconds: float)
     early = found["expiry"].nanoseconds < found["arrival"].nanoseconds
     if early.any():
         raise InstanceError(f"expiry in row {found['expiry'].rows[int(early.argmax())]} comes before its arrival")
-    clock = Clock(opening.isoformat(), seconds)
+    clock = Clock(opening.isoformat(), seconds, zone_name(opening.tzinfo))
     return Steps(
         arrival=floor("arrival"), expiry=np.maximum(expiry, floor("arrival")), worker=floor(come),
         seen=floor("step") if come == "joined" and "step" in found else None, clock=clock,
@@ -103,12 +104,12 @@ def _by_clock(found: dict[str, Instants], come: str, start: Any, seconds: float)
 
 
 def _first(found: Sequence[Instants]) -> pd.Timestamp:
-    """Return the earliest of all times, in its time zone."""
+    """Return the earliest of all times, in the time zone of the first column that has any: the requests'."""
     import pandas as pd
 
-    one = min((one for one in found if one.nanoseconds.size), key=lambda one: int(one.nanoseconds.min()))
-    first = pd.Timestamp(int(one.nanoseconds.min()), tz=None if one.zone is None else "UTC")
-    return first if one.zone is None else first.tz_convert(one.zone)
+    some = [one for one in found if one.nanoseconds.size]
+    earliest, zone = min(int(one.nanoseconds.min()) for one in some), some[0].zone
+    return pd.Timestamp(earliest) if zone is None else pd.Timestamp(earliest, tz="UTC").tz_convert(zone)
 
 
 def first_time(requests: pd.DataFrame, workers: pd.DataFrame) -> pd.Timestamp | None:

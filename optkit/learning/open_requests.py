@@ -42,6 +42,8 @@ class OpenRequests:
         waiting that it gives up; money.
     mu, outside_utility : float
         The worker's noise scale and utility of rejecting, as the policy believes; money.
+    notes : list of str
+        What was taken for granted, and what plays no part.
     """
 
     names: list[str]
@@ -50,6 +52,7 @@ class OpenRequests:
     opportunity_cost: Floats
     mu: float
     outside_utility: float
+    notes: list[str]
 
 
 def seen_by(
@@ -73,13 +76,13 @@ def seen_by(
     wanted = [f"{PREFIX}{name}" for name in names]
     _need(table, ["reward", "expiry", *features])
     no_misspelling("requests", table, [*REQUESTS, "request", "utility", *features, *wanted])
-    clock = Clock(**told["clock"]) if "clock" in told else None
+    clock = Clock.read(told["clock"]) if "clock" in told else None
     horizon = int(told.get("horizon", 0))
     if not horizon:
         raise InputError(
             "the policy does not say how many steps its days have: train it anew, or load it from its file"
         )
-    now, expiry = moment(table["expiry"], step, time, clock, horizon)
+    now, expiry, notes = moment(table["expiry"], step, time, clock, horizon)
     if not 0 <= now < horizon:
         raise InputError(f"step {now} is none of the {horizon} steps that the policy was trained on: 0..{horizon - 1}")
     if not len(table):
@@ -92,6 +95,13 @@ def seen_by(
         raise InputError(
             f"expiry in row {row} is step {expiry[gone[0]]}, before step {now}: leave out what has expired"
         )
+    late = int((expiry >= horizon).sum())
+    if late:
+        notes.append(f"{late} of {len(table)} requests are open when the day ends, and expire there")
+    used = {*REQUESTS, "request", *features, *(_utilities(table, names) if believed is None else [])}
+    unused = [name for name in table.columns if name not in used]
+    if unused:
+        notes.append(f"the requests table has columns that play no part: {', '.join(unused)}")
     groups = len(names)
     seen = np.arange(now - whole_number("busy", busy, least=1, most=now + 1) + 1, now + 1)
     n = len(table)
@@ -102,7 +112,7 @@ def seen_by(
         pickup=_places(table, "pickup"), dropoff=_places(table, "dropoff"),
         worker_step=seen,
         worker_group=np.full(seen.size, number),
-        utility=_utility(table, groups, names) if believed is None else np.zeros((groups, n)),
+        utility=_utility(table, names) if believed is None else np.zeros((groups, n)),
         mu=np.full(groups, 1.0 if mu is None else mu), noise=np.zeros((seen.size, n)),
         outside_noise=np.zeros(seen.size), feature_names=tuple(features) or None,
         group_names=tuple(names) if _named(trained) else None,
@@ -119,6 +129,7 @@ def seen_by(
         opportunity_cost=state.reward[0] - spared - value,
         mu=float(np.asarray(policy.choice.mu(state))[0]),
         outside_utility=float(np.asarray(policy.choice.outside_utility(state))[0]),
+        notes=notes,
     )
 
 
@@ -137,17 +148,26 @@ def _group(trained: Any, group: str | int | None) -> tuple[int, list[str]]:
     return group_of(group, names), names
 
 
-def _utility(table: pd.DataFrame, groups: int, names: list[str]) -> Floats:
-    """Return true utilities, (D, n): of each group by its column, or of all alike."""
+def _utilities(table: pd.DataFrame, names: list[str]) -> list[str]:
+    """Return the columns of true utilities: one for each group, or one for all alike."""
     columns = [f"{PREFIX}{name}" for name in names]
-    if all(column in table for column in columns):
-        return np.array([_numbers(table, column) for column in columns])
+    there = [column for column in columns if column in table]
+    if "utility" in table and there:
+        raise InputError(f"the requests have columns 'utility' and {there[0]!r}: leave one out")
+    if len(there) == len(columns):
+        return columns
     if "utility" in table:
-        return np.tile(_numbers(table, "utility"), (groups, 1))
-    wanted = f", or {', '.join(columns)}" if groups > 1 else ""
+        return ["utility"]
+    wanted = f", or {', '.join(columns)}" if len(names) > 1 else ""
     raise InputError(
         f"the policy learned no preferences: the requests need a column 'utility', what each is worth to him{wanted}"
     )
+
+
+def _utility(table: pd.DataFrame, names: list[str]) -> Floats:
+    """Return true utilities, (D, n)."""
+    columns = _utilities(table, names)
+    return np.array([_numbers(table, columns[d % len(columns)]) for d in range(len(names))])
 
 
 def _need(table: pd.DataFrame, columns: list[str]) -> None:

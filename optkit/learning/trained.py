@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optkit.basics.arrays import Known, number, whole_number
+from optkit.basics.arrays import Known, number, text_names, whole_number
 from optkit.basics.documents import read_document, write_document
 from optkit.basics.errors import DataError, InputError
 from optkit.basics.version import __version__
+from optkit.instances.account import LeftOutWarning
 from optkit.instances.clock import Clock
-from optkit.instances.labels import names_of
 from optkit.learning.beliefs import BelievedValue
 from optkit.models.preferences.preferences import Preferences
 from optkit.models.pricing import optimal_prices
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT, VERSION = "optkit trained policy", 1
+
+MOST_GROUPS = 10_000
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,11 @@ class Trained(Known):
         InputError
             If a column is missing, a request has expired, or the step is none that the policy knows.
 
+        Warns
+        -----
+        LeftOutWarning
+            Of requests that are open when the day ends, columns that play no part, and clocks an hour apart.
+
         Examples
         --------
         >>> from optkit import scenario
@@ -122,6 +130,8 @@ class Trained(Known):
         from optkit.learning.open_requests import seen_by
 
         seen = seen_by(self, requests, step=step, time=time, group=group, mu=mu, busy=busy)
+        if seen.notes:
+            warnings.warn("; ".join(seen.notes), LeftOutWarning, stacklevel=2)
         found = optimal_prices(
             seen.value, seen.utility, seen.mu, outside_utility=seen.outside_utility, nonnegative=self.policy.nonnegative
         )
@@ -227,9 +237,11 @@ def _source(plain: dict[str, Any], value: SetValue) -> dict[str, Any]:
             raise InputError(f"horizon = {horizon}, and the value function is of {steps} steps")
     elif steps is not None:
         told["horizon"] = steps
+    if "groups" in told:
+        whole_number("groups", told["groups"], least=1, most=MOST_GROUPS)
     if "clock" in told:
-        Clock(**told["clock"])
+        Clock.read(told["clock"])
     for name in ("group_names", "feature_names"):
         if name in told:
-            names_of(name, told[name], len(told[name]))
+            text_names(name, told[name])
     return told

@@ -243,7 +243,7 @@ class _Course:
         named = [name for name in ("group_names", "feature_names") if getattr(self.batch.instances[0], name)]
         told |= {name: list(getattr(self.batch.instances[0], name)) for name in named}
         clock = self.batch.instances[0].clock
-        return told | ({} if clock is None else {"clock": asdict(clock)})
+        return told | ({} if clock is None else {"clock": clock.to_dict()})
 
     @cached_property
     def _learned(self) -> Learned:

@@ -70,6 +70,9 @@ def performance_ratio(
         raise InputError(
             f"lengths differ: reward {earned.shape}, full_information {best.shape}, total_penalty {least.shape}"
         )
+    if (least > 0).any():
+        b = int((least > 0).argmax())
+        raise InputError(f"total_penalty[{b}] = {least[b]:g} is positive; write costs of expiry as numbers <= 0")
     # By a power of two, which rounds nothing: differences of the largest floats are beyond any float.
     unit = np.frexp(np.maximum(np.abs(earned), np.maximum(np.abs(best), np.abs(least))))[1] + 2
     given_best, given_least, given_earned = best, least, earned
@@ -90,7 +93,11 @@ def performance_ratio(
         )
     gained = room > rounding
     ratio = np.where(short <= rounding, 100.0, -np.inf)
-    ratio[gained] = 100.0 * (1.0 - short[gained] / room[gained])
+    with np.errstate(over="ignore"):
+        ratio[gained] = 100.0 * (1.0 - short[gained] / room[gained])
+    if not np.isfinite(ratio[gained]).all():
+        b = int((gained & ~np.isfinite(ratio)).argmax())
+        raise InputError(f"the ratio of reward[{b}] = {given_earned[b]:g} to what can be gained is beyond any float")
     return ratio if in_the_mean else np.minimum(ratio, 100.0)
 
 

@@ -15,6 +15,7 @@ from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
 from optkit.instances.labels import Identifiers
 from optkit.simulation.batch import Batch
+from optkit.simulation.same_world import same_world
 from optkit.simulation.state import State
 
 if TYPE_CHECKING:
@@ -143,33 +144,34 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
     expired = np.zeros((R, n), dtype=bool)
     order, begin = batch.arrivals
     open_ = np.empty((R, 0), dtype=np.int64)  # open requests, packed to the left, -1 beyond
-    for step in range(batch.horizon):
-        open_ = _arrive(open_, order, begin[step, instance], begin[step + 1, instance])
-        if open_.shape[1] == 0:
-            continue
-        worker = batch.worker_at[step, instance]
-        row = np.flatnonzero((worker >= 0) & (open_[:, 0] >= 0))
-        if row.size:
-            state = _state(batch, step, row, instance[row], worker[row], open_[row])
-            offer = offers(policy, state)
-            taken = locked(_choose(state, offer))
-            if observe is not None:
-                observe(state, offer, taken)
-            at = np.flatnonzero(taken >= 0)
-            request, pay = state.request[at, taken[at]], offer[at, taken[at]]
-            j = state.worker[at] - batch.worker_start[state.instance[at]]
-            accepted[row[at], j] = request - batch.request_start[state.instance[at]]
-            paid[row[at], j] = pay
-            with np.errstate(over="ignore"):
-                margin[row[at]] += batch.reward[request] - pay
-            open_[row[at], taken[at]] = -1
-        over = (open_ >= 0) & (batch.expiry.take(open_, mode="wrap") == step)
-        r, w = np.nonzero(over)
-        if r.size:
-            request = open_[r, w]
-            penalty += np.bincount(r, batch.penalty[request], minlength=R)
-            expired[r, request - batch.request_start[instance[r]]] = True
-            open_[over] = -1
+    with same_world(batch, policy):
+        for step in range(batch.horizon):
+            open_ = _arrive(open_, order, begin[step, instance], begin[step + 1, instance])
+            if open_.shape[1] == 0:
+                continue
+            worker = batch.worker_at[step, instance]
+            row = np.flatnonzero((worker >= 0) & (open_[:, 0] >= 0))
+            if row.size:
+                state = _state(batch, step, row, instance[row], worker[row], open_[row])
+                offer = offers(policy, state)
+                taken = locked(_choose(state, offer))
+                if observe is not None:
+                    observe(state, offer, taken)
+                at = np.flatnonzero(taken >= 0)
+                request, pay = state.request[at, taken[at]], offer[at, taken[at]]
+                j = state.worker[at] - batch.worker_start[state.instance[at]]
+                accepted[row[at], j] = request - batch.request_start[state.instance[at]]
+                paid[row[at], j] = pay
+                with np.errstate(over="ignore"):
+                    margin[row[at]] += batch.reward[request] - pay
+                open_[row[at], taken[at]] = -1
+            over = (open_ >= 0) & (batch.expiry.take(open_, mode="wrap") == step)
+            r, w = np.nonzero(over)
+            if r.size:
+                request = open_[r, w]
+                penalty += np.bincount(r, batch.penalty[request], minlength=R)
+                expired[r, request - batch.request_start[instance[r]]] = True
+                open_[over] = -1
     if not np.isfinite(margin).all():
         lost = int((~np.isfinite(margin)).argmax())
         raise PolicyError(

@@ -50,7 +50,7 @@ def test_what_is_missing_is_said(policy, tmp_path):
     for file, options, message in (
         ("open.csv", ("--time", "08:01"), "of which group the worker is: bike, car"),
         ("open.csv", ("--group", "car"), "at which step"),
-        ("open.csv", ("--group", "car", "--time", "10:00"), "is none of the"),
+        ("open.csv", ("--group", "car", "--time", "10:00"), "not on the day of 10:00"),
         ("open.csv", ("--group", "van", "--time", "08:01"), "no group is called 'van'"),
         ("bare.csv", ("--group", "car", "--step", 3), "no column 'km'"),
     ):

@@ -289,6 +289,21 @@ def test_days():
         )
 
 
+def test_days_begin_by_one_clock():
+    """That of the requests, whoever comes first, and whatever clock the workers' table has."""
+    first = [pd.Timestamp("2026-07-06T06:01:00Z"), pd.Timestamp("2026-07-07T06:10:00Z")]
+    asked = pd.DataFrame({"day": ["a", "b"], "arrival": first, "reward": 9.0, "utility": -1.0})
+    asked["arrival"] = asked["arrival"].dt.tz_convert("Europe/Berlin")
+    asked["expiry"] = asked["arrival"] + pd.Timedelta("20min")
+    came = pd.DataFrame(
+        {"day": ["a", "b"], "joined": [first[0] + pd.Timedelta("2min"), first[1] - pd.Timedelta("8min")]}
+    )
+    days = days_from_frames(asked, came, day="day", step="1min", start="08:00", horizon=60)
+    assert [day.clock.start for day in days.values()] == ["2026-07-06T08:00:00+02:00", "2026-07-07T08:00:00+02:00"]
+    assert {day.clock.zone for day in days.values()} == {"Europe/Berlin"}
+    assert [(day.arrival.tolist(), day.worker_joined.tolist()) for day in days.values()] == [([1], [3]), ([10], [2])]
+
+
 def test_days_by_number_and_without_a_clock():
     """Days in the order of their numbers; a day without workers is one too."""
     asked = pd.DataFrame({"week": [10, 9, 9], "arrival": 0, "expiry": [1, 2, 3], "reward": 5.0, "utility": 0.0})

@@ -13,7 +13,7 @@ BERLIN = Clock("2026-03-02T08:00:00+01:00", 60.0)
 
 
 def asked(*deadlines, step=None, time=None, clock=DAY, horizon=240):
-    now, last = moment(pd.Series(list(deadlines)), step, time, clock, horizon)
+    now, last, _ = moment(pd.Series(list(deadlines)), step, time, clock, horizon)
     return now, last.tolist()
 
 
@@ -43,6 +43,47 @@ def test_what_is_stale_is_seen():
     now, last = asked(*rows, time="2026-05-04T08:08")
     assert (now, last[0]) == (8, 10)
     assert last[1] < 0
+
+
+def test_a_stale_row_never_moves_the_day():
+    """If the first deadline has passed at a time of day, the evening before is no way out."""
+    for rows in (("2026-05-04T22:09:00", "2026-05-04T22:20:30"), ("2026-05-04T22:09:00",)):
+        with pytest.raises(InputError, match="leave out what has expired"):
+            asked(*rows, time="22:10", clock=NIGHT, horizon=60)
+    assert asked("2026-05-04T22:09:00", "2026-05-04T22:20:30", time="2026-05-04T22:10", clock=NIGHT)[1] == [8, 20]
+    with pytest.raises(InputError, match="not on the day of step 10"):
+        asked("2026-05-04T21:50:00", step=10, clock=NIGHT, horizon=60)
+
+
+LONDON = Clock("2026-07-06T08:00:00+01:00", 60.0, "Europe/London")
+
+
+def test_named_time_zones():
+    """Instants are instants, whatever clock they are written by; a bare time is refused where two clocks differ."""
+    winter = pd.Timestamp("2026-12-04T08:10:30", tz="Europe/London")
+    assert asked(winter, time="08:08", clock=LONDON) == (8, [10])
+    for zone in ("Europe/Berlin", "Asia/Tokyo", "UTC"):
+        assert asked(winter.tz_convert(zone), time=winter.floor("min") - pd.Timedelta("2min"), clock=LONDON) == (
+            8,
+            [10],
+        )
+    with pytest.raises(InputError, match="by which clock"):
+        asked(winter.tz_convert("Europe/Berlin"), time="09:08", clock=LONDON)
+    summer = pd.Timestamp("2026-07-07T08:10:30", tz="Europe/Lisbon")  # as in London
+    assert asked(summer, time="08:08", clock=LONDON) == (8, [10])
+    utc = Clock("2026-03-02T22:00:00+00:00", 60.0, "UTC")
+    deadline = pd.Timestamp("2026-01-10T22:20:00", tz="Europe/Berlin")
+    now = pd.Timestamp("2026-01-10T22:10:00", tz="Europe/Berlin")
+    assert asked(deadline, time=now, clock=utc, horizon=60)[0] == 24 * 60 - 50  # of the evening before: out of range
+
+
+def test_offsets_an_hour_apart_are_told():
+    """Where only offsets are known, summer and winter are taken for granted in words; a named zone is looked up."""
+    assert "summer and winter" in moment(pd.Series(["2026-05-04T08:10:30+02:00"]), 8, None, BERLIN, 240).notes[0]
+    assert moment(pd.Series(["2026-12-04T08:10:30+01:00"]), 8, None, BERLIN, 240).notes == []
+    assert asked(pd.Timestamp("2026-05-04T08:10:30", tz="Europe/Berlin"), time="08:08", clock=BERLIN) == (8, [10])
+    with pytest.raises(InputError, match="another time zone"):
+        asked(pd.Timestamp("2026-12-04T08:10:30", tz="Europe/Athens"), time="08:08", clock=BERLIN)
 
 
 def test_other_time_zones():

@@ -8,6 +8,7 @@ import pytest
 
 from optkit import scenario, simulate
 from optkit.basics.errors import InputError
+from optkit.instances.account import LeftOutWarning
 from optkit.instances.clock import Clock
 from optkit.learning.trained import Trained
 from optkit.learning.training import train
@@ -43,6 +44,8 @@ def moments(trained, count=2):
                 **{f"utility_{name}": state.batch.utility[d][state.request[b][shown]] for d, name in enumerate("abc")},
                 request_id=[f"r{i}" for i in range(shown.sum())],
             )  # fmt: skip
+            if trained.preferences is not None:
+                table = table.drop(columns=[f"utility_{name}" for name in "abc"])
             yield state.step, int(state.group[b]), table, offer[b][shown], float(state.mu[b]), int(state.busy[b])
 
 
@@ -103,8 +106,35 @@ def test_a_file_without_its_horizon(trained, tmp_path):
     for horizon in (11, 13, "q", None, [1], 12.5, True):
         with pytest.raises(InputError, match="horizon"):
             Trained.from_dict(plain | {"source": plain["source"] | {"horizon": horizon}})
-    for change in ({"clock": "x"}, {"clock": {"start": "noon", "step": 1.0}}, {"group_names": ["a", "a", "b"]}):
+    for change in (
+        {"clock": "x"},
+        {"clock": {"start": "noon", "step": 1.0}},
+        {"clock": {"start": "2026-05-01T08:00:00", "step": 1.0, "zone": "Europe/Berlin"}},
+        {"clock": {"start": "2026-05-01T08:00:00"}},
+        {"group_names": ["a", "a", "b"]},
+        {"groups": "x"},
+        {"groups": 10**9},
+    ):
         with pytest.raises(InputError):
             Trained.from_dict(plain | {"source": plain["source"] | change})
     with pytest.raises(InputError, match="how many steps"):
         replace(trained, source={"group_names": ["a", "b", "c"]}).price(table, step=step, group="a")
+
+
+@pytest.mark.slow
+def test_what_plays_no_part_is_told(trained):
+    """Columns, deadlines beyond the day, and groups whose names are numbers."""
+    step, group, table, *_ = next(iter(moments(trained, 1)))
+    more = {"step": step, "group": "abc"[group]}
+    with pytest.warns(LeftOutWarning, match="columns that play no part: foo"):
+        trained.price(table.assign(foo=1), **more)
+    with pytest.warns(LeftOutWarning, match="1 of .* requests are open when the day ends"):
+        late = trained.price(table.assign(expiry=[12, *table["expiry"][1:]]), **more)
+    same = trained.price(table.assign(expiry=[11, *table["expiry"][1:]]), **more)
+    pd.testing.assert_frame_equal(late, same)
+    if trained.preferences is None:
+        with pytest.raises(InputError, match="'utility' and 'utility_a': leave one out"):
+            trained.price(table.assign(utility=-1.0), **more)
+    numbered = replace(trained, source=trained.source | {"group_names": ["1", "2", "3"]})
+    with pytest.raises(InputError, match="no group is called 0; there are 1, 2, 3"):
+        numbered.price(table, step=step, group=0)

@@ -20,7 +20,7 @@ def test_ratio_by_hand():
 
 
 @pytest.mark.slow
-@given(st.lists(st.tuples(MONEY, st.floats(1e-3, 1e6)), min_size=1, max_size=5))
+@given(st.lists(st.tuples(st.floats(-1e6, 0), st.floats(1e-3, 1e6)), min_size=1, max_size=5))
 def test_ratio_of_the_extremes(pairs):
     """The full-information solution has ratio 100 and letting everything expire has ratio 0.
 
@@ -30,6 +30,20 @@ def test_ratio_of_the_extremes(pairs):
     best = least + [room for _, room in pairs]
     assert performance_ratio(best, best, least) == pytest.approx(np.full(least.size, 100.0))
     assert performance_ratio(least, best, least) == pytest.approx(np.zeros(least.size), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (([5.0], [10.0], [4.0]), "positive; write costs of expiry"),
+        (([-1e308], [1e-5], [0.0]), "beyond any float"),
+        (([1e308], [1e-5], [0.0]), "lies above full_information"),
+    ],
+)
+def test_ratios_that_say_nothing(given, message):
+    """Costs of expiry with the wrong sign, and money of sizes that no ratio can tell."""
+    with pytest.raises(InputError, match=message):
+        performance_ratio(*given)
 
 
 def test_ratio_of_a_policy_that_loses_money():

@@ -7,6 +7,7 @@ import pytest
 from scipy import sparse
 
 from optkit import scenario, simulate
+from optkit.basics.errors import PolicyError
 from optkit.learning.beliefs import BelievedValue
 from optkit.learning.training import train
 from optkit.models.value import LinearValue
@@ -48,6 +49,40 @@ def test_a_policy_that_writes_wherever_it_can(days):
     assert {".batch.reward", ".batch.arrivals[0]", ".batch.instances[2].utility", ".request", ".busy", noise} <= {
         *tried
     }
+
+
+def swap_of(field):
+    """Policies that put another array in the place of a field of the world, in whatever way they can."""
+
+    def in_an_instance(state):
+        for one in state.batch.instances:
+            object.__setattr__(one, field, 2 * np.asarray(getattr(one, field)))
+        return HALF(state)
+
+    def in_the_batch(state):
+        object.__setattr__(state.batch, field, 2 * getattr(state.batch, field))
+        return HALF(state)
+
+    def in_its_dict(state):
+        vars(state.batch)[field] = None
+        return HALF(state)
+
+    def and_away(state):
+        vars(state.batch.instances[-1]).pop(field)
+        return HALF(state)
+
+    return in_an_instance, in_the_batch, in_its_dict, and_away
+
+
+@pytest.mark.parametrize("field", ["reward", "utility", "worker_group", "penalty"])
+def test_a_policy_that_puts_others_in_their_place(days, field):
+    """It is refused by name, and the world is as before for all who come after it."""
+    expected, batch = simulate(days, HALF), Batch.of(days)
+    for policy in swap_of(field):
+        with pytest.raises(PolicyError, match=rf"{policy.__name__} changed the world .*\({field} of "):
+            simulate(batch, policy)
+        assert same(simulate(batch, HALF), expected)
+        assert same(simulate(days, HALF), expected)
 
 
 def test_nothing_that_a_policy_keeps_can_be_written_into(days):

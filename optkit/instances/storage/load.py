@@ -181,7 +181,7 @@ def _right_labels(record: dict[str, Any], columns: dict[str, str]) -> bool:
             name in columns and kind in ("text", "number") and (kind, columns[name]) != ("text", "int64")
             for name, kind in labels.items()
         )
-        and (clock is None or (isinstance(clock, dict) and set(clock) == {"start", "step"}))
+        and (clock is None or Clock.describes(clock))
     )
 
 
@@ -286,7 +286,7 @@ def _instance(
             outside_noise=None if noise is None else outside,
             group_names=names["group_names"],
             feature_names=names["feature_names"],
-            clock=None if clock is None else Clock(**clock),
+            clock=None if clock is None else Clock.read(clock),
             **labels,
         )
     except (InstanceError, ValueError) as error:

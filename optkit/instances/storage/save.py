@@ -205,7 +205,7 @@ def _labels(item: Instance) -> dict[str, Any]:
         if getattr(item, field) is not None
     }
     clock = item.clock
-    return {"labels": found, "clock": None if clock is None else {"start": clock.start, "step": clock.step}}
+    return {"labels": found, "clock": None if clock is None else clock.to_dict()}
 
 
 def _label_types(items: Sequence[Instance]) -> dict[str, str]:

@@ -55,8 +55,8 @@ group_names          array         D strings, or null
 feature_names        array         k strings, or null
 instances            array         per instance also ``labels``, an object that says of each column of
                                    labels that the instance has whether it holds ``"text"`` or
-                                   ``"number"``; ``clock``, null or an object of ``start`` (ISO 8601) and
-                                   ``step`` (seconds)
+                                   ``"number"``; ``clock``, null or an object of ``start`` (ISO 8601),
+                                   ``step`` (seconds) and perhaps ``zone`` (a name)
 ===================  ============  ===================================================================
 
 and the tables have these columns, null in instances without:

@@ -155,7 +155,10 @@ class ConditionalLogitResults(LikelihoodModelResults):  # type: ignore[misc]
         InputError
             If columns are missing, shapes do not fit, or an entry is not finite.
         """
-        flag("transform", transform)
+        try:
+            flag("transform", transform)
+        except InputError as error:
+            raise InputError(f"{error}; groups, available and offset are given by name: groups=...") from None
         if exog is None:
             fitted, index = self.fittedvalues, self.model.data.row_labels
             return fitted if index is None else pd.Series(fitted, index=index)

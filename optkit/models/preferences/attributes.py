@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, flag
+from optkit.basics.arrays import Floats, Ints, flag, text_names
 from optkit.basics.errors import InputError
 
 
@@ -34,6 +34,7 @@ class Attributes:
 
     def __post_init__(self) -> None:
         flag("reference", self.reference)
+        text_names("names", self.names)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ the delta method carries the covariance of theta to that of (w, mu) (``docs/expl
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,11 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints, flag, read_document, real, whole_number, write_document
+from optkit.basics.arrays import Floats, Ints, flag, read_document, real, text_names, whole_number, write_document
 from optkit.basics.errors import DataError, InputError
 from optkit.models.preferences.attributes import Attributes
 
 FORMAT, VERSION = "optkit preferences", 1
+
+WRITTEN = ("attributes", "weights", "scale", "pooled", "covariance", "group_names")
+"""Entries of a file beside what says what it is."""
 
 MOST_PLACES = 10_001
 """Places that a log of offers may number."""
@@ -74,10 +76,12 @@ class Preferences:
         if self.covariance:
             if len(self.covariance) != G or any(np.shape(one) != (p + 1, p + 1) for one in self.covariance):
                 raise InputError(f"covariance needs {G} matrices of {p + 1} by {p + 1}, one for each model")
-            if not all(np.isfinite(one).all() and (np.diag(one) >= 0).all() for one in self.covariance):
-                raise InputError("covariance has a negative variance, or entries that are no numbers")
+            if not all(np.isfinite(one).all() and _may_be_covariance(one) for one in self.covariance):
+                raise InputError("covariance has a negative variance, differs from its transpose, or holds no numbers")
         if self.group_names is not None and not self.pooled and len(self.group_names) != G:
             raise InputError(f"{len(self.group_names)} names of groups for {G} models")
+        if self.group_names is not None:
+            text_names("group_names", self.group_names)
 
     def model_of(self, group: Ints) -> Ints:
         """Return the number of the model that speaks for each worker group.
@@ -111,7 +115,8 @@ class Preferences:
             raise InputError("these preferences are no estimates: they have no standard errors")
         x = self.attributes.matrix(features, pickup, dropoff)
         C = self.covariance[int(self.model_of(np.array([group]))[0])][:-1, :-1]
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", x, C, x)))
+        # What is known exactly may come to less than 0 by rounding.
+        return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", x, C, x), 0.0)))
 
     def called(self, groups: Sequence[str] | None, features: Sequence[str] | None) -> Preferences:
         """Return these preferences with groups and features in the order of such names; as they are without names.
@@ -126,9 +131,8 @@ class Preferences:
         InputError
             If a group or a feature has a name that these preferences do not know.
         """
-        mine = (
-            None if all(re.fullmatch(r"feature_\d+", name) for name in self.attributes.names) else self.attributes.names
-        )
+        nameless = tuple(f"feature_{k}" for k in range(len(self.attributes.names)))
+        mine = None if self.attributes.names == nameless else self.attributes.names
         order, columns = np.arange(len(self.scale)), np.arange(len(self.attributes.columns))
         if groups is not None and self.group_names is not None and not self.pooled:
             order = _places("groups", self.group_names, groups)
@@ -203,14 +207,16 @@ class Preferences:
             If the data are incomplete or do not fit together.
         """
         try:
+            _known("preferences", plain, (*WRITTEN, "format", "version", "sha256"))
             columns = dict(plain["attributes"])
+            _known("attributes", columns, ("names", "pickups", "dropoffs", "reference"))
             for place in ("pickups", "dropoffs"):
                 whole_number(place, columns.get(place, 1), least=1, most=MOST_PLACES)
-            attributes = Attributes(tuple(columns.pop("names")), **columns)
+            attributes = Attributes(text_names("names", columns.pop("names")), **columns)
             weights, scale = (real(name, plain[name]) for name in ("weights", "scale"))
             covariance = tuple(real("covariance", one, accept="any") for one in plain["covariance"])
             named = plain.get("group_names")
-            called = None if named is None else tuple(map(str, named))
+            called = None if named is None else text_names("group_names", named)
             pooled = flag("pooled", plain["pooled"])
             return cls(attributes, weights, scale, covariance, pooled, group_names=called)
         except (KeyError, TypeError, ValueError) as error:
@@ -266,6 +272,19 @@ class Preferences:
                 rows.append({"group": label, "parameter": name, "estimate": value})
                 rows[-1]["standard_error"] = se
         return pd.DataFrame(rows)
+
+
+def _known(what: str, plain: dict[str, Any], names: Sequence[str]) -> None:
+    """Refuse an entry that means nothing: it may be a slip of one that does."""
+    strange = [name for name in plain if name not in names]
+    if strange:
+        raise InputError(f"{what} have an entry {strange[0]!r}; there are {', '.join(names)}")
+
+
+def _may_be_covariance(one: Floats) -> bool:
+    """Whether a matrix is symmetric and has no negative variance in any direction, but for rounding."""
+    room = 1e-9 * float(np.abs(one).max(initial=0.0))
+    return bool(np.abs(one - one.T).max(initial=0.0) <= room and np.linalg.eigvalsh(one).min(initial=0.0) >= -room)
 
 
 def _places(what: str, mine: Sequence[str], theirs: Sequence[str]) -> Ints:

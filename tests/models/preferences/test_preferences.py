@@ -98,6 +98,11 @@ def test_table_by_hand():
         ({"scale": np.ones(3)}, "do not fit"),
         ({"scale": np.array([1.0, 0.0])}, "every mu positive"),
         ({"weights": np.full((2, 3), np.nan)}, "finite"),
+        ({"group_names": ("x", "x")}, "'x' is there twice"),
+        ({"group_names": (None, "x")}, "is no name"),
+        ({"covariance": (np.diag([1.0, 1.0, 1.0, -1.0]),) * 2}, "negative variance"),
+        ({"covariance": (np.eye(4) + 5 * np.eye(4)[::-1],) * 2}, "negative variance"),  # in a direction between two
+        ({"covariance": (np.eye(4) + 0.1 * np.eye(4, k=1),) * 2}, "transpose"),
     ],
 )
 def test_what_preferences_refuse(changes, words):
@@ -164,3 +169,13 @@ def test_padding_may_hold_anything():
         group=np.array([1]),
     )
     np.testing.assert_allclose(believed().utility(state)[0, 0], -4 * 3 + 1)
+
+
+def test_features_called_by_numbers_go_by_name():
+    """feature_0, feature_1, ... in this order are no names; in another they are."""
+    swapped = Preferences(Attributes(("feature_1", "feature_0")), np.array([[-1.0, -5.0, 0.0]]), np.array([1.0]))
+    assert swapped.called(None, ("feature_0", "feature_1")).weights.tolist() == [[-5.0, -1.0, 0.0]]
+    plain = Preferences(Attributes(("feature_0", "feature_1")), np.array([[-1.0, -5.0, 0.0]]), np.array([1.0]))
+    assert plain.called(None, ("km", "size")) is plain
+    with pytest.raises(InputError, match="'a' is there twice"):
+        Attributes(("a", "a"))

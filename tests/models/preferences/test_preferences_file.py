@@ -52,12 +52,16 @@ def test_a_file_comes_back(log, tmp_path):
     assert again.to_dict() == found.to_dict()
     assert again.group_names == found.group_names
     whole = path.read_text()
+    bare = {name: entry for name, entry in json.loads(whole).items() if name != "sha256"}
     for change, message in (
         (whole.replace("bike", "boat"), "changed or damaged"),
         (whole[:-9], "holds no preferences"),
         ("[]", "holds no preferences"),
         (json.dumps({"format": "optkit preferences", "version": 2}), "has version 2"),
         (json.dumps({"format": "optkit preferences", "version": 1}), "preferences cannot be read"),
+        (json.dumps({"format": "optkit preferences", "version": True}), "has version True"),
+        (json.dumps({**bare, "weihgts": 1}), "an entry 'weihgts'"),
+        (json.dumps({**bare, "group_names": ["bike", "bike"]}), "there twice"),
     ):
         path.write_text(change)
         with pytest.raises(DataError, match=message):
