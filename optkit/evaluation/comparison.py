@@ -34,9 +34,10 @@ class Comparison:
         ``requests``, ``workers``, ``reward`` (money), ``ratio`` (per cent), ``served``, ``paid`` (money).
     table : DataFrame
         One row per policy, in the order given: mean ``ratio``, its ``std`` and confidence interval ``low``, ``high``;
-        ``difference`` to the first policy, paired by instance, with ``difference_low``, ``difference_high``; mean
-        ``reward``; ``instances`` with a finite ratio, which the means are over; ``served`` and ``margin_share``: shares
-        of requests served and of their rewards kept.
+        ``difference`` to the first policy, paired by instance, with ``difference_low``, ``difference_high`` and the
+        ``p_value`` of a paired t-test that there is none (two-sided; 1 where no instance differs); mean ``reward``;
+        ``instances`` with a finite ratio, which the means are over; ``served`` and ``margin_share``: shares of requests
+        served and of their rewards kept.
     """
 
     per_instance: pd.DataFrame
@@ -44,7 +45,7 @@ class Comparison:
 
     def __post_init__(self) -> None:
         check_finite("comparison", self.per_instance, ["ratio"])
-        spread = ["std", "low", "high", "difference_low", "difference_high"]
+        spread = ["std", "low", "high", "difference_low", "difference_high", "p_value"]
         alone = self.table["instances"] == 1
         check_finite("comparison", self.table[alone], spread)
         check_finite("comparison", self.table[~alone])
@@ -140,6 +141,7 @@ def _row(name: str, frame: pd.DataFrame, first: Floats, margin_share: float) -> 
         "difference": difference.mean,
         "difference_low": difference.low,
         "difference_high": difference.high,
+        "p_value": difference.p_value,
         "reward": float(frame["reward"].mean()),
         "instances": ratio.count,
         "served": float(frame["served"].sum() / max(frame["requests"].sum(), 1)),

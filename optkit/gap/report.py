@@ -151,6 +151,15 @@ class GapReport(Known):
         far = f"{row['claim']:.2f} points ({money})" if isfinite(row["claim"]) else money
         return f"with {100 * self.confidence:g} % confidence, {row['policy']} is at most {far} from optimal"
 
+    def __repr__(self) -> str:
+        return f"GapReport({len(self.rows)} instances, bounds {', '.join(self.bounds['kind'])}: {self.claim()})"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        tables = (one.to_html(max_rows=20, index=False) for one in (self.bounds, self.policies))
+        return f"<p>{escape(self.claim())}</p>" + "".join(tables)
+
     def summary(self) -> str:
         """Return the report as text."""
         from optkit.gap.summary import report_text

@@ -58,6 +58,18 @@ class Scenario:
     settings: ScenarioSettings
     world: World
 
+    def __repr__(self) -> str:
+        told = self.settings
+        sizes = f"groups={told.groups}, horizon={told.horizon}, split={told.split}"
+        return f"Scenario({self.name!r}, seed={self.seed}, {sizes})"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        settings = asdict(self.settings).items()
+        rows = "".join(f"<tr><th>{name}</th><td>{escape(str(x))}</td></tr>" for name, x in settings)
+        return f"<p>{escape(repr(self))}</p><table>{rows}</table>"
+
     def instance(self, seed: int | np.random.SeedSequence) -> Instance:
         """Draw one instance, noise included."""
         rng = np.random.default_rng(seed)

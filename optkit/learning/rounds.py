@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +61,13 @@ class Learned(Known):
     rounds: pd.DataFrame
     converged: bool
     tolerance: float
+
+    def __repr__(self) -> str:
+        last = self.rounds.iloc[-1]
+        return f"Learned({self.preferences!r}, rounds={last['round']}, verdict={last['verdict']!r})"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self))}</p>{self.rounds.to_html(max_rows=10, index=False)}"
 
 
 def learn_once(instances: Sequence[Instance], *, pooled: bool = False, seed: int = 0) -> Learned:

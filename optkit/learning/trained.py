@@ -66,6 +66,15 @@ class Trained(Known):
     failures: list[str] = field(default_factory=list)
     source: dict[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        choice = self.source.get("choice", "true" if self.preferences is None else "given")
+        return f"Trained({self.value!r}, choice={choice!r}, score={self.score:.6g}, rounds={len(self.record)})"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<p>{escape(repr(self))}</p>{self.table().to_html(max_rows=10, index=False)}"
+
     def believing(self, preferences: Preferences) -> Trained:
         """Return this policy with other preferences: what waiting is worth stays as it was learned."""
         policy = PostDecisionPricing(choice=preferences, value_function=BelievedValue(self.value, preferences))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.errors import InputError
+from optkit.plotting.files import shown_in_notebooks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +49,7 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
         from matplotlib.figure import Figure
 
         width = max(4.0, 1.5 + 1.15 * len(ratios))
-        ax = Figure(figsize=(width, 3.8), layout="constrained").subplots()
+        ax = shown_in_notebooks(Figure(figsize=(width, 3.8), layout="constrained").subplots())
     values = [np.asarray(column, dtype=float) for column in ratios.values()]
     values = [column[np.isfinite(column)] for column in values]
     boxes = ax.boxplot(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from optkit.basics.errors import InputError
@@ -60,6 +61,18 @@ def figure_bytes(drawn: Axes | Figure, kind: str, *, name: str = MARK, facecolor
     with rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):
         figure.savefig(sink, format=kind, dpi=160, metadata=_METADATA[kind], facecolor=facecolor)
     return sink.getvalue()
+
+
+def shown_in_notebooks(ax: Axes) -> Axes:
+    """Return axes that a notebook shows as their picture, though their figure is nobody's pyplot state.
+
+    Examples
+    --------
+    >>> shown_in_notebooks(new_figure(1.0, 1.0).subplots())._repr_png_()[1:4]
+    b'PNG'
+    """
+    ax._repr_png_ = partial(figure_bytes, ax, "png")  # type: ignore[attr-defined]
+    return ax
 
 
 def settled(figure: Figure) -> Figure:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from optkit.plotting.files import shown_in_notebooks
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -48,7 +50,8 @@ def ladder_plot(report: Any, *, ax: Axes | None = None, title: str | None = None
     if ax is None:
         from matplotlib.figure import Figure
 
-        ax = Figure(figsize=(6.4, 1.4 + 0.36 * len(rungs)), layout="constrained").subplots()
+        figure = Figure(figsize=(6.4, 1.4 + 0.36 * len(rungs)), layout="constrained")
+        ax = shown_in_notebooks(figure.subplots())
     low, high = (float(getattr(frame[measure], end)()) for frame, end in ((policies, "max"), (bounds, "min")))
     ax.axvspan(low, high, color="0.88", zorder=0)
     for place, rung in rungs.iterrows():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
+from scipy.special import stdtr, stdtrit
 
 from optkit.basics.arrays import Floats, flag, number, real
 from optkit.basics.errors import InputError
@@ -120,6 +120,19 @@ class MeanInterval:
     low: float
     high: float
     count: int
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided p-value of Student's t-test that the mean is 0; NaN for one instance, 1 if all are 0.
+
+        Examples
+        --------
+        >>> round(mean_interval([1.0, 2.0, 3.0]).p_value, 4), mean_interval([0.0, 0.0]).p_value
+        (0.0742, 1.0)
+        """
+        if self.count == 1 or self.std == 0:
+            return float("nan") if self.count == 1 else float(self.mean == 0)
+        return float(2.0 * stdtr(self.count - 1, -abs(self.mean) / self.std * self.count**0.5))
 
 
 def mean_interval(

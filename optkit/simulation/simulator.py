@@ -59,6 +59,13 @@ class Simulation(Known):
     request_id: tuple[Identifiers | None, ...] | None = None
     worker_id: tuple[Identifiers | None, ...] | None = None
 
+    def __repr__(self) -> str:
+        runs, mean = len(self.reward), self.reward.mean() if len(self.reward) else 0.0
+        return f"Simulation({runs:,} runs, mean reward {mean:.6g}, {self.served.sum():,} requests served)"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=10, index=False)}"
+
     @property
     def served(self) -> Ints:
         """Number of requests served in each run, (B,)."""

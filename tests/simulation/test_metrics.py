@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.stats import ttest_rel
 
 from optkit.basics.errors import InputError
 from optkit.simulation.metrics import mean_interval, performance_ratio
@@ -220,3 +221,12 @@ def test_labels_in_another_order_are_no_instances():
     with pytest.raises(InputError, match="different labels"):
         performance_ratio(reward, bound, [0.0, 0.0])
     assert performance_ratio(reward, bound[["mon", "tue"]], [0.0, 0.0]).round(1).tolist() == [12.5, 83.3]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_p_values_are_scipys(seed):
+    """Of the paired t-test."""
+    first, second = np.random.default_rng(seed).normal(size=(2, 12)) + 0.5 * seed
+    assert mean_interval(first, second).p_value == pytest.approx(ttest_rel(first, second).pvalue, rel=1e-9)
+    assert np.isnan(mean_interval([3.0]).p_value)
+    assert mean_interval([2.0, 2.0]).p_value == 0.0

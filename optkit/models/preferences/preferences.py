@@ -83,6 +83,14 @@ class Preferences:
         if self.group_names is not None:
             text_names("group_names", self.group_names)
 
+    def __repr__(self) -> str:
+        groups = "all groups alike" if self.pooled else f"groups {', '.join(self.group_names or ())}"
+        groups = groups if self.pooled or self.group_names else f"{len(self.scale)} group(s)"
+        return f"Preferences({groups}, columns {', '.join(self.attributes.columns)}, mu {self.scale.round(4).tolist()})"
+
+    def _repr_html_(self) -> str:
+        return f"<p>Preferences, in money</p>{self.table().to_html(max_rows=20, index=False)}"
+
     def model_of(self, group: Ints) -> Ints:
         """Return the number of the model that speaks for each worker group.
 
@@ -261,7 +269,10 @@ class Preferences:
             raise DataError(f"{os.fspath(path)}: {error}") from None
 
     def table(self) -> Any:
-        """Return a DataFrame with one row per model and parameter: ``estimate`` and ``standard_error``, in money."""
+        """Return a DataFrame with one row per model and parameter: ``estimate`` and ``standard_error``, in money.
+
+        Standard errors are NaN where the preferences are no estimates.
+        """
         import pandas as pd
 
         rows = []

@@ -49,6 +49,14 @@ class PriceCertificate(Known):
     undecided: Bools
     tolerance: float
 
+    def _repr_html_(self) -> str:
+        return f"<pre>{self.summary()}</pre>"
+
+    def __repr__(self) -> str:
+        optimal, gap = np.atleast_1d(self.optimal), np.max(self.gap, initial=0.0)
+        told = f"{optimal.sum()} of {optimal.size} decisions optimal"
+        return f"PriceCertificate({told}, gap={gap:.3g}, tolerance={self.tolerance:g})"
+
     def summary(self) -> str:
         """Return a few lines for a person; for many decisions, the worst of each figure."""
         optimal, undecided = np.atleast_1d(self.optimal), np.atleast_1d(self.undecided)

@@ -54,6 +54,13 @@ class Pricing(Known):
     markup: Floats
     profit: Floats
 
+    def __repr__(self) -> str:
+        if np.ndim(self.rejection):
+            return f"Pricing({np.size(self.rejection):,} decisions, expected profit {np.sum(self.profit):.6g})"
+        with np.printoptions(precision=6, threshold=12, edgeitems=3):
+            prices = f"compensation={self.compensation}, acceptance={self.acceptance}"
+        return f"Pricing({prices}, rejection={self.rejection:.6g}, profit={self.profit:.6g})"
+
     def to_frame(self) -> pd.DataFrame:
         """One row per request of each decision: ``decision`` (if there are several), ``compensation``, ``acceptance``.
 
