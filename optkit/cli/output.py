@@ -98,6 +98,10 @@ def fit_document(plain: dict[str, Any]) -> dict[str, Any]:
     return sealed({"format": FIT, **plain})
 
 
+FEW = "without features, learned preferences are little more than one level of utility for all requests"
+"""What is to be known of them."""
+
+
 def write_rows(frame: pd.DataFrame, out: Path) -> None:
     """Write a table as .csv or .parquet, whole or not at all.
 

@@ -11,7 +11,7 @@ from optkit.basics.arrays import whole_number
 from optkit.basics.paths import resolved
 from optkit.cli.console import open_source, progress_bar, say, say_json, trips_line
 from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Trips
-from optkit.cli.output import print_comparison
+from optkit.cli.output import FEW, print_comparison
 
 if TYPE_CHECKING:
     from optkit.evaluation.main_job import RunResult
@@ -78,9 +78,15 @@ def _print(name: str, result: RunResult) -> None:
     trips = trips_line(record["origin"])
     if trips is not None:
         say(trips)
-    pp, fp = record["tuned"]["PP"], record["tuned"]["FP"]
+    pp, fp = record["tuned"]["PP"], record["tuned"].get("FP", {})
     weights = ", ".join(f"{weight} {value:g}" for weight, value in fp.items())
-    say(f"tuned: PP pays {100 * pp['share']:g} % of the reward; FP weighs {weights}")
+    told = f"; FP (formula) weighs {weights}" if fp else ""
+    say(f"tuned: PP (percentage of the reward) pays {100 * pp['share']:g} %{told}")
+    for name, why in record["not tuned"].items():
+        say(f"tuned: {name} is left out: {why}")
+    if record["not tuned"]:
+        say(f"learned: {FEW}")
+    say("learned: by one round of random offers (paper's data), or by rounds of offers near its prices (re-estimated)")
     for name, learned in record["learned"].items():
         last = learned["rounds"][-1]["round"]
         ends = [end for end in learned["rounds"] if end["round"] == last]

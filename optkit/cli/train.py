@@ -11,7 +11,7 @@ import typer
 from optkit.basics.errors import InputError
 from optkit.cli.console import open_source, print_table, progress_bar, say, say_json
 from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Trips
-from optkit.cli.output import POLICY
+from optkit.cli.output import FEW, POLICY
 from optkit.models.value.catalogue import VALUES
 
 if TYPE_CHECKING:
@@ -31,8 +31,12 @@ def train(
         typer.Option(help=f"Value function: {', '.join(VALUES)}."),
     ] = "linear",
     choice: Annotated[
-        str, typer.Option(help="Choice model: learned (one per worker group), pooled (one for all), or true.")
-    ] = "learned",
+        str | None,
+        typer.Option(
+            help="Choice model: learned (one per worker group), pooled (one for all), or true: the instances' own "
+            "utilities. Learned by default, true where instances have no features to learn from."
+        ),
+    ] = None,
     preferences: Believed = None,
     instances: Annotated[
         int | None,
@@ -67,9 +71,9 @@ def train(
 
     POLICY.check(out, reads=[preferences] if preferences is not None else [])
     _check_checkpoint(checkpoint)
-    if preferences is not None and choice != "learned":
+    if preferences is not None and choice is not None:
         raise InputError(f"--choice {choice} goes without --preferences, which are the choice model")
-    believed: Any = choice if preferences is None else Preferences.load(preferences)
+    given = None if preferences is None else Preferences.load(preferences)
     chosen: dict[str, Any] = {"seeds": seeds, "seed": seed if training_seed is None else training_seed}
     if deviations is not None:
         chosen["deviations"] = _numbers(deviations)
@@ -77,13 +81,18 @@ def train(
         chosen["discount"] = discount
     opened = open_source(source, seed=seed, trips=trips, mode=mode, fraction=fraction, settings=settings)
     split = training_split(read_split(opened)[0] if isinstance(opened, Path) else opened, instances)
+    bare = any(one.features.shape[1] == 0 for one in split.train)
+    if choice is None:
+        choice = "given" if given is not None else "true" if bare else "learned"
+    if bare and choice != "given":
+        say(f"optkit: {FEW}" + "; utilities are the instances' own" * (choice == "true"), err=True)
     started = time.perf_counter()
     try:
         with progress_bar(quiet or as_json) as tell:
             trained = train_policy(
                 split,
                 value,
-                choice=believed,
+                choice=choice if given is None else given,  # type: ignore[arg-type]
                 checkpoint=checkpoint,
                 progress=lambda k, n: tell("training", k, n),
                 **chosen,
@@ -92,7 +101,6 @@ def train(
         say(f"optkit: {_how_to_go_on(checkpoint)}", err=True)
         raise
     seconds = time.perf_counter() - started
-    choice = choice if preferences is None else "given"
     at = _chosen(trained)
     if as_json:
         told: dict[str, Any] = {"file": str(out), "source": source, "value": value, "choice": choice, "chosen": at}

@@ -30,6 +30,9 @@ TRAININGS: dict[str, tuple[str, Choice]] = {
 }
 """Value function and choice model of each trained policy, as in :func:`optkit.learning.training.train`."""
 
+NO_DISTANCE = "it weighs the travel distance, the last feature, and these instances have no features"
+"""Why there is no FP."""
+
 ONCE, REESTIMATED, GIVEN = "Learned MNL, paper's data", "Learned MNL, re-estimated", "Given MNL"
 
 
@@ -119,7 +122,8 @@ def run_main_job(
     clock = time.perf_counter()
     pp = tune_reward_percentage(split.train, progress=lambda k, n: tell("tuning PP", k, n))
     clock = timed("tune PP", clock)
-    fp = tune_formula(split.train, progress=lambda k, n: tell("tuning FP", k, n))
+    bare = any(one.features.shape[1] == 0 for one in (*split.train, *split.test))
+    fp = None if bare else tune_formula(split.train, progress=lambda k, n: tell("tuning FP", k, n))
     clock = timed("tune FP", clock)
     kept, bounds, failures, worst = proven_bounds(split.test, tell)
     tests = [split.test[i] for i in kept]
@@ -132,7 +136,8 @@ def run_main_job(
     pricing |= {name: PostDecisionPricing(choice=found.preferences) for name, found in learned.items()}
     pricing |= given
     pricing |= {name: found.policy for name, found in trained.items()}
-    policies: dict[str, Policy] = {**pricing, "FP": fp.policy, "PP": pp.policy}
+    tuned: dict[str, Policy] = {"PP": pp.policy} if fp is None else {"FP": fp.policy, "PP": pp.policy}
+    policies: dict[str, Policy] = {**pricing, **tuned}
     comparison = compare(tests, policies, bounds, labels=kept)
     clock = timed("simulate", clock)
     verification = verify_pricing(
@@ -141,7 +146,8 @@ def run_main_job(
     timed("verify", clock)
     record = {
         "origin": origin,
-        "tuned": {"PP": vars(pp.policy), "FP": vars(fp.policy)},
+        "tuned": {name: vars(policy) for name, policy in sorted(tuned.items(), reverse=True)},
+        "not tuned": {"FP": NO_DISTANCE} if bare else {},
         "instances": {part: len(getattr(split, part)) for part in Split._fields},
         "learned": {name: _rounds(found) for name, found in learned.items()},
         "not learned": unlearned,
@@ -214,4 +220,5 @@ def _train(
 
 def _rounds(learned: Learned) -> dict[str, Any]:
     rows = [{str(name): value for name, value in row.items()} for row in learned.rounds.to_dict(orient="records")]
-    return {"converged": learned.converged, "tolerance": learned.tolerance, "rounds": rows}
+    rows = [{"fit_converged" if name == "converged" else name: x for name, x in row.items()} for row in rows]
+    return {"within_tolerance": learned.converged, "tolerance": learned.tolerance, "rounds": rows}

@@ -18,7 +18,45 @@ from optkit.plotting.files import figure_bytes, settled
 
 FORMAT = "optkit-run"
 FILES = ("summary.json", "table.csv", "per_instance.parquet", "performance_ratio.png", "performance_ratio.pdf")
-"""What a results folder holds."""
+"""What a results folder held before it also had a README."""
+
+README = """\
+# Results of optkit run
+
+Money is in the unit of the instances. Means are over the test instances whose bound was proven.
+
+## table.csv, a row per policy
+
+- policy: *Myopic* prices optimally and gives the future no value; *Learned MNL* too, with preferences from offers that
+  were logged: *paper's data* is one round of random offers, *re-estimated* are rounds of offers near its own prices.
+  *Linear* and *Kernel* also know what a request is worth that waits. FP pays by a tuned formula of reward, distance,
+  penalty and urgency (`expiry_boost`), PP a tuned share of the reward. *Given MNL* believes the preferences given.
+- ratio: mean performance ratio in per cent: 100 for a clairvoyant, 0 if every request expires; std, low, high: its
+  standard deviation over instances and 95 % confidence interval.
+- difference, difference_low, difference_high: of the ratio to the first policy, paired by instance, with its 95 %
+  confidence interval; p_value: of the paired t-test that there is none.
+- reward: mean total reward, money; instances: how many the means are over; served: share of requests that were served;
+  margin_share: share of their rewards that the platform kept.
+
+## per_instance.parquet, a row per policy and instance
+
+- instance: its number among the test instances; bound: the full-information bound, money; requests, workers: how many.
+- reward: total reward, money; ratio: performance ratio, per cent; served: requests served; paid: compensations, money.
+
+## summary.json
+
+The table, and under `record`: settings, versions, tuned weights, seconds by stage, and of learning for each round
+`standard_error` (money), `rmse` and `mbe` (root mean square and mean error of utilities against the truth, money),
+`fit_converged` (the likelihood's search ended at its maximum), and `verdict`: *identified* where the offers tell the
+level of utility, *weak* where they hardly do, *not identified* where they do not. `within_tolerance`: whether the last
+standard error was below `tolerance`.
+
+## performance_ratio.png and .pdf
+
+Boxes span the quartiles, the line is the median, the diamond the mean; whiskers reach 1.5 times the box, dots lie
+beyond.
+"""
+"""What the files and columns of a results folder mean."""
 
 FOLDER = ResultsFolder("summary.json", FORMAT, "the results of optkit run", early=FILES)
 
@@ -52,8 +90,9 @@ def check_target(folder: str | os.PathLike[str], origin: dict[str, Any] | None =
 def write_results(folder: str | os.PathLike[str], result: RunResult, title: str) -> Path:
     """Write a results folder, whole or not at all; an earlier run's results in that place are replaced.
 
-    ``summary.json`` (everything but the rows, and the digest of every file), ``table.csv``, ``per_instance.parquet``,
-    and the box plot of performance ratios as ``performance_ratio.png`` and ``.pdf``.
+    ``README.md`` says what all of it means; ``summary.json`` (everything but the rows, and the digest of every file),
+    ``table.csv``, ``per_instance.parquet``, and the box plot of performance ratios as ``performance_ratio.png`` and
+    ``.pdf``.
 
     Raises
     ------
@@ -68,6 +107,7 @@ def write_results(folder: str | os.PathLike[str], result: RunResult, title: str)
     axes = box_plot(result.comparison.ratios(), title=title)
     settled(axes.get_figure(root=True))  # type: ignore[arg-type]
     contents = {
+        "README.md": README.encode(),
         "table.csv": result.comparison.table.to_csv(index=False).encode(),
         "per_instance.parquet": rows.getvalue(),
         "performance_ratio.png": figure_bytes(axes, "png"),

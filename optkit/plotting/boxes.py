@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's colours, lightest last: told apart by the colour-blind, and in grey by their lightness.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#999999", "#000000")
+
+
+KEY = "Box: quartiles; line: median; diamond: mean; whiskers: 1.5 times the box; dots: beyond"
 
 
 def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, title: str | None = None) -> Axes:
@@ -45,10 +49,12 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
     """
     if not ratios:
         raise InputError("a box plot needs at least one policy")
+    key = ""
     if ax is None:
         from matplotlib.figure import Figure
 
         width = max(4.0, 1.5 + 1.15 * len(ratios))
+        key = fill(KEY, round(13 * width))
         ax = shown_in_notebooks(Figure(figsize=(width, 3.8), layout="constrained").subplots())
     values = [np.asarray(column, dtype=float) for column in ratios.values()]
     values = [column[np.isfinite(column)] for column in values]
@@ -67,7 +73,7 @@ def box_plot(ratios: Mapping[str, npt.ArrayLike], *, ax: Axes | None = None, tit
     labels = [f"{n.replace(', ', ',' + chr(10))}\n{v.mean():.1f}" for n, v in zip(ratios, values, strict=True)]
     ax.set_xticks(range(1, len(values) + 1), labels, parse_math=False)
     ax.set_ylabel("Performance ratio (%)")
-    ax.set_xlabel("Policy, with the mean of its performance ratio")
+    ax.set_xlabel(f"Policy, with the mean of its performance ratio\n{key}".rstrip())
     ax.grid(axis="y", color="0.9")
     ax.set_axisbelow(True)
     for side in ("top", "right"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,5 +74,6 @@ def ladder_plot(report: Any, *, ax: Axes | None = None, title: str | None = None
         slope, start = np.polyfit(bounds["points"], bounds["money"], 1)
         money = ax.secondary_xaxis("top", functions=(lambda x: start + slope * x, lambda x: (x - start) / slope))
         money.set_xlabel("Money an instance")
-    ax.set_title(report.claim() if title is None else title, fontsize="medium", parse_math=False)
+    title = fill(report.claim() if title is None else title, 64)  # as wide as the figure
+    ax.set_title(title, fontsize="medium", parse_math=False)
     return ax

@@ -520,3 +520,25 @@ def test_run_on_trips(tmp_path):
     ratios = {row["policy"]: row["ratio"] for row in result["policies"]}
     assert ratios["Myopic, true MNL"] > max(ratios["PP"], ratios["FP"])
     assert {"Linear, true MNL", "Kernel, true MNL", "Linear, learned MNL"} <= set(ratios)
+
+
+@pytest.mark.slow
+def test_instances_without_features_are_run(optkit, tmp_path):
+    """FP, which weighs a feature, is left out by name; train then takes the utilities of the folder, and says so."""
+    drawn = scenario("I.2", seed=0, horizon=12).sample(12, 1)
+    bare = [dataclasses.replace(day, features=np.zeros((day.n_requests, 0))) for day in drawn]
+    save_instances(tmp_path / "days", bare)
+    code, out, _ = optkit("run", tmp_path / "days", "--verify", 0, "--out", tmp_path / "results", "--quiet")
+    assert code == 0
+    assert "FP is left out: it weighs the travel distance" in out
+    assert "without features, learned preferences are little more than one level" in out
+    assert "FP" not in pd.read_csv(tmp_path / "results" / "table.csv")["policy"].tolist()
+    told = (tmp_path / "results" / "README.md").read_text()
+    rows = pd.read_parquet(tmp_path / "results" / "per_instance.parquet")
+    for name in (*pd.read_csv(tmp_path / "results" / "table.csv"), *rows):
+        assert re.search(rf"\b{name}\b", told), name
+    _, out, err = optkit("train", tmp_path / "days", "--out", tmp_path / "p.json", "--quiet")
+    assert "linear, true MNL" in out
+    assert "utilities are the instances' own" in err
+    _, _, err = optkit("train", tmp_path / "days", "--out", tmp_path / "p.json", "--choice", "learned", "--quiet")
+    assert "little more than one level" in err

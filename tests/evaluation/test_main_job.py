@@ -171,7 +171,8 @@ def test_learned_policies_are_what_they_are_called(groups):
     ratios = result.comparison.per_instance.set_index("policy")["reward"]
     for name, learned in ways.items():
         rows = result.record["learned"][name]["rounds"]
-        assert rows == [{str(k): v for k, v in row.items()} for row in learned.rounds.to_dict(orient="records")]
+        told = learned.rounds.rename(columns={"converged": "fit_converged"}).to_dict(orient="records")
+        assert rows == [{str(k): v for k, v in row.items()} for row in told]
         expected = simulate(small.test, PostDecisionPricing(choice=learned.preferences)).reward
         assert ratios[name].tolist() == expected.tolist()
     assert ratios["Single MNL, re-estimated"].tolist() != ratios["Learned MNL, re-estimated"].tolist()
