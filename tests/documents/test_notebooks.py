@@ -15,6 +15,7 @@ from urllib.request import urlopen
 import matplotlib.font_manager  # lists the fonts; the first notebook's process would say that it does
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from optkit.bounds import SmallModel, exact_value
 from optkit.models.choice import acceptance_probabilities
@@ -142,9 +143,26 @@ def test_a_script_ends_as_its_claims_say(alone):
         assert path.read_text().endswith('\n\nif __name__ == "__main__":\n    app.run()\n')
 
 
+@pytest.fixture
+def look(monkeypatch):
+    """What is done with each figure in place of a file of it, which takes longer than all else: nothing at first.
+
+    Notebooks import it when they are loaded, so that it is in place before and asks anew.
+    """
+    looks = SimpleNamespace(at=lambda figure: None, seen=0)
+
+    def figure_bytes(axes, kind):
+        looks.seen += 1
+        looks.at(axes.get_figure(root=True))
+        return b""
+
+    monkeypatch.setattr("optkit.plotting.files.figure_bytes", figure_bytes)
+    return looks
+
+
 @pytest.mark.slow
 @every_notebook
-def test_a_claim_that_does_not_hold_ends_the_run(notebook, tmp_path):
+def test_a_claim_that_does_not_hold_ends_the_run(notebook, tmp_path, look):
     """A notebook of which one assertion is turned round fails."""
     with pytest.raises(AssertionError):
         app_of(turned_round(notebook, tmp_path)).run()
@@ -152,13 +170,10 @@ def test_a_claim_that_does_not_hold_ends_the_run(notebook, tmp_path):
 
 @pytest.mark.slow
 @every_notebook
-def test_claims_hold_wherever_the_sliders_stand(notebook, here_only, capfd, monkeypatch):
+def test_claims_hold_wherever_the_sliders_stand(notebook, here_only, capfd, look):
     """Its assertions hold, in silence, as it stands, with all sliders at an end, and at places drawn at random."""
     app = app_of(notebook)
-    # Figures take longer than all else: enough that they can be drawn at the ends, and where the apps begin.
-    with monkeypatch.context() as patch:
-        patch.setattr("optkit.plotting.files.figure_bytes", lambda axes, kind: b"")
-        _, names = app.run()
+    _, names = app.run()
     sliders = {name: thing for name, thing in names.items() if isinstance(thing, marimo.ui.slider)}
     assert len(sliders) >= 3
     rng = np.random.default_rng(0)
@@ -167,9 +182,10 @@ def test_claims_hold_wherever_the_sliders_stand(notebook, here_only, capfd, monk
         steps = {name: rng.integers(0, round((s.stop - s.start) / s.step) + 1) for name, s in sliders.items()}
         places.append({name: round(s.start + steps[name] * s.step, 9) for name, s in sliders.items()})
     for number, place in enumerate(places):
-        if number == 2:
-            monkeypatch.setattr("optkit.plotting.files.figure_bytes", lambda axes, kind: b"")
+        # Figures can be laid out and drawn at the ends. Where the apps begin, and after a move, they become files.
+        look.at = Figure.draw_without_rendering if number < 2 else lambda figure: None
         app.run(defs={name: SimpleNamespace(value=value) for name, value in place.items()})
+    assert look.seen == 5 * len(re.findall(r"picture\(\s*_ax", notebook.read_text()))
     assert capfd.readouterr() == ("", "")
 
 
