@@ -14,7 +14,6 @@ from optkit.evaluation.proven import Progress, proven_bounds
 from optkit.evaluation.verification import Verification, verify_pricing
 from optkit.instances.instance import Instance
 from optkit.instances.scenario import Split
-from optkit.learning.offer_log import collect
 from optkit.learning.rounds import Learned, learn_once, learn_preferences
 from optkit.learning.trained import Trained
 from optkit.learning.training import Choice, TrainingSettings, train
@@ -181,7 +180,7 @@ def _learn(
     for name, learn in ways.items():
         try:
             found = learn()
-            collect(tests, PostDecisionPricing(choice=found.preferences))  # does it know the places of the tests?
+            simulate(tests, PostDecisionPricing(choice=found.preferences))  # does it know the places of the tests?
         except OptkitError as error:
             failures[name] = str(error)
         else:

@@ -58,5 +58,8 @@ def formula(
             raise InputError("Formula weighs the travel distance, the last feature; these instances have no features")
     else:
         travel = state.features[..., -1]
-    pay = (reward + boost * state.expiring) * state.reward + distance * travel + penalty * state.penalty
-    return np.maximum(pay, 0.0)
+    # In place: with many settings these arrays are large, and to make them anew takes longer than to add them up.
+    pay: Floats = (reward + boost * state.expiring) * state.reward
+    pay += distance * travel
+    pay += penalty * state.penalty
+    return np.maximum(pay, 0.0, out=pay)

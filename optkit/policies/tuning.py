@@ -196,7 +196,8 @@ def _rewards(batch: Batch, first: int, last: int, settings: Floats, pay: Callabl
             state = State(batch, step, *locked(one))
             still = open_[live]
             offer = _offers(pay, state, columns, still)
-            total = np.where(still, state.utility + offer, -np.inf)
+            total = state.utility + offer
+            np.putmask(total, ~still, -np.inf)
             total += batch.noise(state.worker, state.request)
             top = np.flatnonzero(np.diff(state.instance, prepend=-1))
             best = np.maximum.reduceat(total, top, axis=0)
@@ -208,9 +209,9 @@ def _rewards(batch: Batch, first: int, last: int, settings: Floats, pay: Callabl
             if np.count_nonzero(taken) > np.count_nonzero(takes):
                 for rows in np.split(taken, top[1:]):  # of requests that a worker likes as much, the first
                     rows &= rows.cumsum(axis=0) == 1
-            row, column = np.nonzero(taken)
+            row, column = np.divmod(np.flatnonzero(taken), len(settings))
             margin[state.instance[row] - first, column] += state.reward[row, 0] - offer[row, column]
-            open_[live] = still & ~taken
+            open_[live] = still ^ taken
         over = np.flatnonzero(expiry == step)
         if over.size:
             lost = np.zeros_like(penalty)
