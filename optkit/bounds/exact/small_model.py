@@ -212,14 +212,14 @@ class SmallModel:
         T, K = self.horizon, self.reward.size
         requests = np.zeros((T, K), dtype=np.int64)
         for stream in self.streams:
-            requests += stream.count[rng.choice(stream.probability.size, T, p=stream.probability)]
-        joined = rng.choice(self.workers.size, T, p=self.workers).tolist()  # numbers one by one are quicker in lists
+            requests += stream.count[_cases(rng, stream.probability, T)]
+        joined = _cases(rng, self.workers, T).tolist()  # numbers one by one are quicker in lists
         length, before = [0] * T, 0
         for step in range(T):
             joined[step] = min(joined[step], self.queue + 1 - before)
             before = length[step] = max(before + joined[step] - 1, 0)
         worker_step, _ = fifo_queue(np.repeat(np.arange(T), joined), T)
-        arrival, kind = (np.repeat(index.ravel(), requests.ravel()) for index in np.indices((T, K)))
+        arrival, kind = np.divmod(np.repeat(np.arange(T * K), requests.ravel()), K)
         features: Any = self.features
         instance = Instance(
             horizon=T,
@@ -231,7 +231,7 @@ class SmallModel:
             pickup=kind,
             dropoff=np.zeros(kind.size, dtype=np.int64),
             worker_step=worker_step,
-            worker_group=rng.choice(self.mu.size, worker_step.size, p=self.share),
+            worker_group=_cases(rng, self.share, worker_step.size),
             utility=self.utility[:, kind],
             mu=self.mu,
             outside_utility=self.outside_utility,
@@ -257,6 +257,12 @@ class SmallModel:
         needed = count * (8.0 * numbers + OVERHEAD) + (8.0 * T * (2 * K + 4) if count else 0.0)
         check_memory(f"{count:,} instances of this model", needed, "take fewer, or a shorter horizon")
         return [self.draw(child).instance for child in seed_sequence(seed).spawn(count)]
+
+
+def _cases(rng: np.random.Generator, probability: Floats, count: int) -> Ints:
+    """Draw cases 0, 1, ... of a distribution: those of NumPy's ``choice``, which checks it anew each time."""
+    up_to = probability.cumsum()
+    return (up_to / up_to[-1]).searchsorted(rng.random(count), side="right")
 
 
 def _distribution(name: str, p: Floats) -> Floats:
