@@ -8,8 +8,10 @@ import signal
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import patch
 from urllib.request import urlopen
 
 import matplotlib.font_manager  # lists the fonts; the first notebook's process would say that it does
@@ -106,39 +108,16 @@ def turned_round(notebook, folder):
     return folder / notebook.name
 
 
-ALONE = """
-import runpy, sys
-from marimo._cli.cli import main
-exported, *scripts = sys.argv[1:]
-page = exported.removesuffix(".py") + ".html"
-assert not main(["--yes", "export", "html", exported, "-o", page], standalone_mode=False)
-for path in scripts:
-    for stream in (sys.stdout, sys.stderr):
-        print("begun", path, file=stream, flush=True)
-    runpy.run_path(path, run_name="__main__")
-"""
-"""Exports a notebook as marimo's command does, then runs scripts one after the other, as long as none fails."""
-
-
-@pytest.fixture(scope="module")
-def alone(surroundings, tmp_path_factory):
-    """What a process leaves that exports the first notebook, and runs another as it is and turned round."""
-    folder = tmp_path_factory.mktemp("alone")
-    notebook = NOTEBOOKS[2]  # the quickest; all end in the same lines
-    copy = Path(shutil.copy(NOTEBOOKS[0], folder))  # the export leaves a cache beside it
-    false = turned_round(notebook, folder)
-    done = run("-c", ALONE, copy, notebook, false, cwd=folder, env=surroundings)
-    return done, copy.with_suffix(".html"), notebook, false
-
-
 @pytest.mark.slow
-def test_a_script_ends_as_its_claims_say(alone):
+def test_a_script_ends_as_its_claims_say(here_only, capfd, look, tmp_path):
     """Run as a script, a notebook is silent; with an assertion turned round it leaves with an error."""
-    done, _, notebook, false = alone
-    assert done.stdout.endswith(f"begun {notebook}\nbegun {false}\n")
-    assert f"begun {notebook}\nbegun {false}\nTraceback" in done.stderr
-    assert done.returncode != 0
-    assert "AssertionError" in done.stderr.partition("Traceback")[2]
+    notebook = NOTEBOOKS[2]  # the quickest; all end in the same lines
+    false = turned_round(notebook, tmp_path)
+    runpy.run_path(str(notebook), run_name="__main__")
+    assert look.seen > 0
+    assert capfd.readouterr() == ("", "")
+    with pytest.raises(AssertionError):
+        runpy.run_path(str(false), run_name="__main__")
     for path in NOTEBOOKS:
         assert path.read_text().endswith('\n\nif __name__ == "__main__":\n    app.run()\n')
 
@@ -333,12 +312,19 @@ def fits_a_phone_and_the_dark(page, text):
 
 
 @pytest.mark.slow
-def test_export_runs_and_needs_the_net_to_be_looked_at(alone):
+def test_export_runs_and_needs_the_net_to_be_looked_at(surroundings, tmp_path):
     """The export runs every cell and holds its output, but a browser would fetch its looks: so optkit teach serves."""
+    from marimo._cli.cli import main
+
     # One of them: that every cell of the others runs too is seen as script and as app.
-    done, page, *_ = alone
-    assert "begun" in done.stdout, done.stderr  # the export has ended well
-    notebook, text = NOTEBOOKS[0], page.read_text()
+    notebook = NOTEBOOKS[0]
+    copy = Path(shutil.copy(notebook, tmp_path))  # the export leaves a cache beside it
+    page = copy.with_suffix(".html")
+    # Its cells run in a process that marimo starts. In a thread: this one's event loop may be a browser's.
+    with patch.dict(os.environ, surroundings, clear=True), ThreadPoolExecutor(1) as pool:
+        export = ["--yes", "export", "html", str(copy), "-o", str(page)]
+        assert not pool.submit(main, export, standalone_mode=False).result()
+    text = page.read_text()
     assert text.count("data-number") >= len(re.findall(r"<output", notebook.read_text()))
     assert "AssertionError" not in text.replace(notebook.read_text(), "")
     assert "marimo-error" not in text
