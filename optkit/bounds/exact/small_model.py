@@ -221,6 +221,7 @@ class SmallModel:
         worker_step, _ = fifo_queue(np.repeat(np.arange(T), joined), T)
         arrival, kind = np.divmod(np.repeat(np.arange(T * K), requests.ravel()), K)
         features: Any = self.features
+        share: Any = self.share
         instance = Instance(
             horizon=T,
             arrival=arrival,
@@ -231,7 +232,7 @@ class SmallModel:
             pickup=kind,
             dropoff=np.zeros(kind.size, dtype=np.int64),
             worker_step=worker_step,
-            worker_group=_cases(rng, self.share, worker_step.size),
+            worker_group=_cases(rng, share, worker_step.size),
             utility=self.utility[:, kind],
             mu=self.mu,
             outside_utility=self.outside_utility,
@@ -262,7 +263,8 @@ class SmallModel:
 def _cases(rng: np.random.Generator, probability: Floats, count: int) -> Ints:
     """Draw cases 0, 1, ... of a distribution: those of NumPy's ``choice``, which checks it anew each time."""
     up_to = probability.cumsum()
-    return (up_to / up_to[-1]).searchsorted(rng.random(count), side="right")
+    drawn: Ints = np.searchsorted(up_to / up_to[-1], rng.random(count), side="right")
+    return drawn
 
 
 def _distribution(name: str, p: Floats) -> Floats:
