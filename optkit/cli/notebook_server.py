@@ -1,6 +1,6 @@
 """The notebooks' server, a process of its own: for whoever holds the token, here, as long as its parent lives.
 
-``python -m optkit.cli.notebook_server FOLDER HOST PORT``, with the token on the first line of standard input. marimo
+``python -P optkit/cli/notebook_server.py FOLDER HOST PORT``, with the token on the first line of standard input. marimo
 serves, and asks for the token; what a browser sends from another site's page is refused before it gets there.
 """
 
@@ -65,6 +65,7 @@ def main(folder: str, host: str, port: str) -> None:
     """Serve the notebooks of a folder until somebody ends this process, or the one that started it is no more."""
     import uvicorn
 
+    sys.path.append(os.path.abspath(os.path.join(__file__, *[os.pardir] * 3)))  # where the notebooks' optkit is
     parent = os.fdopen(os.dup(0), "rb", buffering=0)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # no notebook reads what the parent writes
     token = parent.readline().decode().strip()
