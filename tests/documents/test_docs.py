@@ -15,7 +15,7 @@ from optkit.instances.catalogue import scenario
 
 ROOT = Path(__file__).parents[2]
 # The notebooks of 1-derivation are run in test_notebooks.py.
-SMALLER = {"own_gap.py": "8", "own_scenario.py": "5", "figures.py": "--small"}
+SMALLER = {"own_gap.py": "8", "own_scenario.py": "3", "figures.py": "--small"}
 """Days or steps of the longest examples, in a fifth of the time."""
 
 EXAMPLES = sorted(path for path in (ROOT / "examples").rglob("*.py") if "1-derivation" not in path.parts)
