@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from optkit.basics.arrays import Known
+from optkit.basics.arrays import Known, number
 from optkit.basics.errors import InputError, OptkitError, SolverError
 
 if TYPE_CHECKING:
@@ -49,7 +49,10 @@ Subject_contra = TypeVar("Subject_contra", contravariant=True)
 
 @runtime_checkable
 class Certificate(Protocol[Subject_contra]):
-    """A proof of an upper bound that anybody can check."""
+    """A proof of an upper bound that anybody can check.
+
+    Those of this package say in ``proves`` of which kind of bound they are proofs.
+    """
 
     def check(self, subject: Subject_contra, /) -> Verdict:
         """Recompute the bound from what is bounded, an instance or a model, and this certificate alone."""
@@ -91,6 +94,9 @@ def prove(bound: Bound, subject: Any) -> Verdict:
     ...
     optkit.basics.errors.SolverError: the certificate proves ..., not the bound ... that is claimed
     """
+    proves = getattr(bound.certificate, "proves", bound.kind)
+    if proves != bound.kind:
+        raise SolverError(f"the certificate proves a bound of {proves}, and the bound claims to be of {bound.kind}")
     try:
         verdict = bound.certificate.check(subject)
     except OptkitError:
@@ -163,7 +169,7 @@ class Bound:
     solver: SolverRecord
 
     def __post_init__(self) -> None:
-        _finite(self.value)
+        object.__setattr__(self, "value", _finite(self.value))
 
     def __repr__(self) -> str:
         return f"Bound({self.value:.10g}, {self.kind!r}, by {self.solver.method}, {self.solver.seconds:.3g} s)"
@@ -208,10 +214,13 @@ class Bound:
         return requests.rename("request"), workers.rename("worker")
 
 
-def _finite(bound: Any) -> None:
-    if isinstance(bound, bool) or not isinstance(bound, float | int | np.number):
-        raise SolverError(f"the bound is {bound!r}, which is no number")
-    if not math.isfinite(bound):
+def _finite(bound: Any) -> float:
+    """Return a bound as a plain float, which is what is compared, or refuse it."""
+    if isinstance(bound, float) and not math.isfinite(bound):
         raise SolverError(
             f"the bound is {bound}, which bounds nothing: money, or money in units of mu, is beyond what floats hold"
         )
+    try:
+        return number("the bound", bound)
+    except InputError:
+        raise SolverError(f"the bound is {str(bound)[:40]!r}, which is no number of floats") from None

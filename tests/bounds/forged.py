@@ -42,6 +42,20 @@ def _somewhere(change: Callable[[Any, np.random.Generator], Any]) -> Callable[[A
     return changed
 
 
+TYPES = (
+    "int8", "int16", "int32", "int64", "uint8", "uint64", "float16", "float32", "longdouble", "complex128", "object",
+    "U8",
+)  # fmt: skip
+
+
+def _other_type(a: Any, rng: np.random.Generator) -> Any:
+    """The numbers in another type, or the least number of that type everywhere, whose absolute value is negative."""
+    kind = np.dtype(rng.choice(TYPES))
+    if kind.kind == "i" and rng.random() < 0.5:
+        return np.full(a.shape, np.iinfo(kind).min, kind)
+    return a.astype(kind)
+
+
 TAMPER: dict[str, Callable[[Any, np.random.Generator], Any]] = {
     "factor": lambda a, rng: a * factor(rng),
     "sign": lambda a, rng: -a,
@@ -50,6 +64,7 @@ TAMPER: dict[str, Callable[[Any, np.random.Generator], Any]] = {
     "shift a little": lambda a, rng: a + rng.choice([-1, 1]) * np.abs(a).max(initial=0.0) * 10.0 ** rng.uniform(-16, 0),
     "nan": lambda a, rng: np.full_like(a, rng.choice([np.nan, np.inf, -np.inf])),
     "zero": lambda a, rng: 0.0 * a,
+    "other type": _other_type,
     "last digits": lambda a, rng: np.nextafter(a, rng.choice([-np.inf, np.inf], a.shape)),
 }
 """What is done to an array of numbers."""

@@ -1,14 +1,16 @@
 """Forged certificates of every kind of bounds, judged in 60 digits: see :mod:`tests.bounds.forged`."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from optkit.basics.errors import SolverError
-from optkit.bounds import Bound, SolverRecord
+from optkit.bounds import Bound, SolverRecord, exact_value
 from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.bound import Verdict, prove
+from optkit.bounds.penalised.charges import KeptCharges
 from tests.bounds import forged
 from tests.bounds.kinds import KINDS
 
@@ -45,7 +47,8 @@ def test_no_bound_holds_what_bounds_nothing(value):
     with pytest.raises(SolverError, match="bounds nothing"):
         Bound(value, "any", _Says(Verdict(0.0, 0.0, 0.0)), SolverRecord("none", "none", 0.0))
     day = KINDS["arrival, exact"].subject(np.random.default_rng(0))
-    honest = Bound(1e9, "any", _Says(Verdict(value, 0.0, 0.0)), SolverRecord("none", "none", 0.0))
+    said = SimpleNamespace(bound=value, attained=0.0, residual=0.0)
+    honest = Bound(1e9, "any", _Says(said), SolverRecord("none", "none", 0.0))
     with pytest.raises(SolverError, match="bounds nothing"):
         prove(honest, day)
 
@@ -94,3 +97,56 @@ MONEY = ("reward", "penalty", "utility", "mu", "outside_utility", "noise", "outs
 def in_units(subject, unit):
     """The same, with all money in another unit."""
     return replace(subject, **{name: unit * getattr(subject, name) for name in MONEY if hasattr(subject, name)})
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_proof_is_one_of_its_kind(name):
+    """Under the name of another kind it proves nothing."""
+    subject = KINDS[name].subject(np.random.default_rng(3))
+    bound = KINDS[name].bound(subject)
+    other = "full information" if bound.kind != "full information" else "arrival information"
+    with pytest.raises(SolverError, match=f"proves a bound of {bound.kind}, and the bound claims"):
+        prove(replace(bound, kind=other), subject)
+
+
+def test_tables_of_whole_numbers_prove_no_more():
+    """The least number of a type has no absolute value in it: rounding was taken off in place of added."""
+    model = KINDS["exact"].subject(np.random.default_rng(152))
+    bound = exact_value(model)
+    least = tuple(np.full(x.shape, -(2**15), "int16") for x in bound.certificate.value)
+    whole = replace(bound.certificate, value=least)
+    floats = replace(bound.certificate, value=tuple(x.astype(float) for x in least))
+    assert whole.check(model) == floats.check(model)
+
+
+def test_charges_that_somebody_kept_are_worked_out_again():
+    """A cache that was filled by hand changes nothing."""
+    rng = np.random.default_rng(3)
+    day = KINDS["penalised"].subject(rng)
+    while day.n_workers < 2:
+        day = KINDS["penalised"].subject(rng)
+    bound = KINDS["penalised"].bound(day)
+    kept = KeptCharges.of(bound.certificate.charges)
+    for step in range(-1, day.horizon):
+        kept._kept_nobody[step] = 1e6
+    forged = replace(bound.certificate, charges=kept)
+    assert forged.check(day) == bound.certificate.check(day)
+
+
+@pytest.mark.parametrize("value", [np.timedelta64(5), np.complex128(5), 10**400, "5", True, None, [5.0]])
+def test_what_is_no_bound(value):
+    with pytest.raises(SolverError, match="no number"):
+        Bound(value, "any", _Says(Verdict(0.0, 0.0, 0.0)), SolverRecord("none", "none", 0.0))
+
+
+def test_a_number_that_lies_counts_as_what_it_is():
+    class Liar(float):
+        def __add__(self, other):
+            return np.inf
+
+        __abs__ = __radd__ = __mul__ = __rmul__ = __add__
+
+    day = KINDS["arrival, exact"].subject(np.random.default_rng(0))
+    honest = KINDS["arrival, exact"].bound(day)
+    with pytest.raises(SolverError, match="that is claimed"):
+        prove(replace(honest, value=Liar(honest.value - 0.5 * abs(honest.value) - 1.0)), day)

@@ -52,6 +52,8 @@ class SubsetCertificate:
     True
     """
 
+    proves = KIND
+
     tables: tuple[Floats, ...]
     tracked: Bools
     multipliers: Floats

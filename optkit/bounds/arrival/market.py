@@ -245,6 +245,8 @@ class MultiplierCertificate:
     True
     """
 
+    proves = "arrival information"
+
     multipliers: Floats
 
     def check(self, instance: Instance) -> Verdict:

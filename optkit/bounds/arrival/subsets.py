@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats, Ints
+from optkit.basics.arrays import Bools, Floats, Ints, floats
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.lattice import Stage, reachable
 from optkit.bounds.rounding import EPS, sufficient_rise, sum_up
@@ -206,12 +206,13 @@ class SubsetProgram:
         InputError
             If a table has the wrong shape or an entry that is not finite.
         """
+        tables = [floats(f"the table of stage {k}", table, (None,)) for k, table in enumerate(tables)]
         if len(tables) != len(self.stages):
             raise InputError(f"{len(tables)} tables for {len(self.stages)} stages: give one per stage")
         later, earned, raised = np.zeros(1), np.zeros(1), []
         states = reachable(self.stages)
         for stage, table, rows in zip(reversed(self.stages), reversed(tables), reversed(states), strict=True):
-            if table.shape != (stage.states,) or not np.isfinite(table).all():
+            if table.shape != (stage.states,):
                 raise InputError(
                     f"the table of step {stage.step} has shape {table.shape}; it needs {stage.states} finite numbers"
                 )
@@ -226,6 +227,7 @@ class SubsetProgram:
                         ratio = np.fmax(ratio, (self._before(stage, later) - kept) / mu)
                         rise, profit = self._prove(stage, ratio, later, earned)
                     needed, after = kept + mu * (ratio + rise), after + profit
+                    after = after - 4.0 * EPS * (np.abs(after) + np.abs(profit))
                 size = sum(np.abs(x[rows]).max() for x in (needed, kept, table))
                 raised.append(float(np.maximum(0.0, (needed - table)[rows].max()) + 4.0 * EPS * size))
                 z = _charge_before(stage, charge)
@@ -255,12 +257,13 @@ class SubsetProgram:
         lift = self._lift(stage, np.where(signed, logit, 0.0))
         one = np.exp(-lift)
         alone = (np.arange(value.size) >= stage.uncertain) & (stage.kept == 0) & ~signed
-        above, below, slope, gained = (np.zeros(stage.states) for _ in range(4))
+        above, below, slope, gained, doubt = (np.zeros(stage.states) for _ in range(5))
         if alone.any():  # requests that nobody's service changes anything for are one
             top = (value + logit - 1.0 + error)[alone]
             joint = top.max() + np.log(np.exp(top - top.max()).sum()) + EPS * (top.size + 4.0 + 4.0 * np.abs(top.max()))
             above += np.exp(joint - ratio + EPS * (2.0 * np.abs(joint) + 2.0 * steep) - lift)
             slope += above * np.exp(-4.0 * error[alone].max())
+            doubt += 4.0 * error[alone].max() * above * (1.0 + np.abs(ratio))
         others = np.flatnonzero(~alone).tolist()
         losses = _losses(stage, scaled, later, mu, others)
         theirs = _losses(stage, own, earned, mu, others)
@@ -280,8 +283,12 @@ class SubsetProgram:
             slope.reshape(shape)[:, -1] += sure * q
             if np.ndim(loss) or np.ndim(lost):
                 gained.reshape(shape)[:, -1] += q * (loss - lost)
-        # The policy: c = v - mu (1 + ratio), or 0, so that the margin is mu (ratio + min(x, 1)), and what F misjudges.
-        profit = mu * (above + below + ratio * slope + gained) / (one + slope)
+            margin = np.abs(np.minimum(x, 1.0)) + np.abs(ratio.reshape(shape)[:, -1]) + np.abs(loss - lost)
+            doubt.reshape(shape)[:, -1] += 4.0 * (error[k] + EPS) * q * margin
+        # The policy: c = v - mu (1 + ratio), or 0, so that the margin is mu (ratio + min(x, 1)), and what F misjudges,
+        # less all that rounding may have added: it does earn as much.
+        doubt += (value.size + 16) * EPS * (above + np.abs(below) + np.abs(ratio) * slope + np.abs(gained))
+        profit = mu * (above + below + ratio * slope + gained - doubt) / (one + slope)
         rise = sufficient_rise(above, below, slope, ratio, value.size, one)
         if not rise.max() <= 1.0:
             # Weights beyond floats: pay is at least 0, so that nobody earns more than the best request is worth.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optkit.basics.arrays import Floats
+from optkit.basics.arrays import Floats, real
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Verdict
 from optkit.bounds.exact.small_model import SmallModel
@@ -39,6 +39,8 @@ class ExactCertificate:
         Bounds on phi by open requests, length of the queue after the decision, and group; money.
     """
 
+    proves = "exact"
+
     value: tuple[Floats, ...] = field(repr=False)
     profit: tuple[Floats, ...] = field(repr=False)
 
@@ -62,11 +64,11 @@ class ExactCertificate:
         InputError
             If a table does not have the shape that the model's states need, or holds NaN or infinity.
         """
-        space = self._space(model)
+        space, values, profits = self._space(model)
         raised: list[float] = []
         needed = earned = np.zeros((1, model.queue + 1))
         for step in reversed(range(model.horizon)):
-            layer, value, profit = space.layers[step], self.value[step], self.profit[step]
+            layer, value, profit = space.layers[step], values[step], profits[step]
             with np.errstate(over="ignore", invalid="ignore"):
                 gap = float((needed - value).max())
                 far = float(np.abs(value).max())
@@ -92,21 +94,25 @@ class ExactCertificate:
         attained = float(earned[0, 0])
         return Verdict(sum_up([needed[0, 0], *raised]), attained if np.isfinite(attained) else -np.inf, 0.0)
 
-    def _space(self, model: SmallModel) -> StateSpace:
-        tables = (*self.value, *self.profit)
+    def _space(self, model: SmallModel) -> tuple[StateSpace, list[Floats], list[Floats]]:
+        """Return the model's states, and the tables as floats, which are what is proven, whatever was given."""
+        value, profit = (
+            [real(f"{name}[{t}]", table, accept="any") for t, table in enumerate(tables)]
+            for name, tables in (("value", self.value), ("profit", self.profit))
+        )
         alien = InputError("the certificate's tables do not fit the states of this model: it is another model's")
         try:
-            space = state_space(model, limit=sum(table.size for table in self.profit))
+            space = state_space(model, limit=sum(table.size for table in profit))
         except InputError:
             raise alien from None
         Q, D = model.queue, model.mu.size
         values = [(len(layer.waiting), Q + 1) for layer in space.layers]
         profits = [(len(layer.after), Q + 1, D) for layer in space.layers]
-        if [table.shape for table in tables] != [*values, *profits]:
+        if [table.shape for table in (*value, *profit)] != [*values, *profits]:
             raise alien
-        if not all(np.isfinite(table).all() for table in tables):
+        if not all(np.isfinite(table).all() for table in (*value, *profit)):
             raise InputError("the certificate's tables hold NaN or infinity: they prove nothing")
-        return space
+        return space, value, profit
 
 
 def decisions_of(

@@ -196,6 +196,8 @@ class FluidCertificate:
         l_k >= 0, in money per request.
     """
 
+    proves = "fluid"
+
     multipliers: Floats
 
     def check(self, model: FluidModel) -> Verdict:

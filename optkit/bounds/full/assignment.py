@@ -43,6 +43,8 @@ class AssignmentCertificate:
     Verdict(bound=23.0, attained=23.0, residual=0.0)
     """
 
+    proves = "full information"
+
     worker: Ints
     request: Ints
     request_dual: Floats

@@ -196,8 +196,11 @@ class KeptCharges(Charges):
     @classmethod
     def of(cls, charges: Charges) -> KeptCharges:
         """Return the same charges, as they are if they are kept already."""
-        if isinstance(charges, cls):
-            return charges
+        return charges if isinstance(charges, cls) else cls.anew(charges)
+
+    @classmethod
+    def anew(cls, charges: Charges) -> KeptCharges:
+        """Return the same charges with nothing kept: whoever checks does not believe what somebody worked out."""
         return cls(**{field.name: getattr(charges, field.name) for field in fields(Charges)})
 
     @cached_property

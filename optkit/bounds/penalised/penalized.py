@@ -49,6 +49,8 @@ class PenalizedCertificate:
         What makes the charges anew: the value function, the distribution, and the seed.
     """
 
+    proves = KIND
+
     tables: tuple[Floats, ...]
     limit: int
     multipliers: Floats
@@ -77,7 +79,7 @@ class PenalizedCertificate:
             raise InputError("these charges were made for another instance")
         multipliers = checked_multipliers(self.multipliers, instance.n_requests)
         program = penalized_program(instance, self.tracked, multipliers)
-        charges = KeptCharges.of(self.charges)
+        charges = KeptCharges.anew(self.charges)
         bound, attained = program.check(list(self.tables), charges)
         idle = [-charge for charge in charges.idle_terms(idle_steps(program))]
         return Verdict(bound=sum_up([bound, *idle]), attained=attained + math.fsum(idle), residual=0.0)

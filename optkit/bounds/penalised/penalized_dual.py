@@ -21,6 +21,7 @@ from optkit.bounds.arrival.market import OpenPairs
 from optkit.bounds.arrival.newton import check_options, minimise
 from optkit.bounds.bound import Bound, SolverRecord, Verdict
 from optkit.bounds.penalised.linear_charges import LinearCharges
+from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Instance
 
 EPS = float(np.finfo(float).eps)
@@ -37,6 +38,8 @@ class ChargedMultipliers:
     charges : LinearCharges
         What foresight costs.
     """
+
+    proves = "penalised arrival information"
 
     multipliers: Floats
     charges: LinearCharges
@@ -57,7 +60,7 @@ class ChargedMultipliers:
         """
         market, paid = charged_market(instance, self.charges)
         verdict = market.verdict(self.multipliers)
-        return Verdict(verdict.bound - paid, verdict.attained - paid, verdict.residual)
+        return Verdict(sum_up([verdict.bound, -paid]), verdict.attained - paid, verdict.residual)
 
 
 def penalized_dual(
@@ -104,7 +107,7 @@ def penalized_dual(
     details = {"iterations": solved.iterations, "pairs": market.size, "gap": verdict.gap, "paid": paid}
     record = SolverRecord("lagrangian", solved.status, time.perf_counter() - started, details)
     certificate = ChargedMultipliers(solved.multipliers, charges)
-    return Bound(verdict.bound - paid, "penalised arrival information", certificate, record)
+    return Bound(sum_up([verdict.bound, -paid]), "penalised arrival information", certificate, record)
 
 
 def charged_market(instance: Instance, charges: LinearCharges) -> tuple[OpenPairs, float]:
