@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optkit.basics.arrays import Floats, check_finite
-from optkit.basics.errors import InputError
+from optkit.basics.errors import InputError, OptkitError
 from optkit.bounds import Bound
+from optkit.bounds.bound import prove
+from optkit.instances.digest import refuse_repeated
 from optkit.instances.instance import Instance
 from optkit.simulation.batch import Batch
 from optkit.simulation.metrics import mean_interval, performance_ratio
-from optkit.simulation.simulator import Policy, simulate
+from optkit.simulation.simulator import Policy, named_policies, simulate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +73,7 @@ def compare(
     policies : mapping from name to policy
         The first is the one that the others are paired with.
     bounds : sequence of Bound
-        One per instance; for the paper's performance ratio, :func:`optkit.bounds.full.full_information`.
+        One per instance, of :func:`optkit.bounds.full.full_information`; their certificates are checked.
     labels : sequence of int, optional
         Numbers of the instances in the rows, if they are not 0, 1, ...
 
@@ -83,7 +85,8 @@ def compare(
     Raises
     ------
     InputError
-        If there are no policies or instances, or the number of bounds differs.
+        If there are no policies or instances, two instances are the same, the number of bounds differs, or one is not
+        proven to be its instance's.
 
     Examples
     --------
@@ -97,11 +100,21 @@ def compare(
     """
     import pandas as pd
 
+    named_policies(policies)
     if not policies or not len(instances):
         raise InputError("a comparison needs at least one policy and one instance")
     if len(bounds) != len(instances):
         raise InputError(f"{len(instances)} instances but {len(bounds)} bounds; give one bound per instance")
     batch = Batch.of(instances)
+    refuse_repeated(batch.instances)
+    for b, (bound, one) in enumerate(zip(bounds, batch.instances, strict=True)):
+        if not isinstance(bound, Bound) or bound.kind != "full information":
+            told = f"of {bound.kind}" if isinstance(bound, Bound) else f"a {type(bound).__name__}"
+            raise InputError(f"bound {b} is {told}; a ratio is against full_information(instance)")
+        try:
+            prove(bound, one)
+        except OptkitError as error:
+            raise InputError(f"bound {b} is not proven to be one of instance {b}: {error}") from error
     least = np.array([one.penalty.sum() for one in instances])
     best = np.array([bound.value for bound in bounds])
     sizes = {

@@ -29,7 +29,7 @@ from optkit.gap.policy_digest import policy_digest
 from optkit.gap.process_tests import process_tests
 from optkit.gap.rows import BOUND_KINDS, CHARGED, GapTask, Kind, gap_row
 from optkit.gap.tables import gap_tables
-from optkit.instances.digest import exact_digest
+from optkit.instances.digest import exact_digest, refuse_repeated
 from optkit.instances.instance import Instance
 from optkit.instances.scenario import Scenario
 from optkit.instances.splits import held_out
@@ -39,7 +39,7 @@ from optkit.learning.worker_rates import WorkerRates
 from optkit.models.value.request_sets import SetValue
 from optkit.policies import PostDecisionPricing
 from optkit.simulation.batch import Batch
-from optkit.simulation.simulator import Policy, simulate
+from optkit.simulation.simulator import Policy, named_policies, simulate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -379,14 +379,13 @@ def _checked(
     """Check the arguments of a report; return the bounds to compute."""
     if not 0 < number("confidence", confidence) < 1:
         raise InputError(f"confidence = {confidence} is not between 0 and 1")
+    named_policies(policies)
     if not instances or not policies:
         raise InputError("a gap report needs at least one instance and one policy")
     for b, one in enumerate(instances):
         if not isinstance(one, Instance):
             raise InputError(f"element {b} is a {type(one).__name__}, not an Instance")
-    for name, policy in policies.items():
-        if not callable(policy):
-            raise InputError(f"policy {name!r} is a {type(policy).__name__}, which cannot be called")
+    refuse_repeated(instances)
     check_limit(limit)
     check_seed(seed)
     whole_number("redraws", redraws, least=1)

@@ -43,6 +43,9 @@ def frame(name: str, table: Any) -> pd.DataFrame:
         table = pd.DataFrame(dict(table))
     if not isinstance(table, pd.DataFrame) or table.columns.nlevels > 1:
         raise InstanceError(f"{name} is a {type(table).__name__}: give a table of pandas, polars or pyarrow")
+    labels = [name for name in table.index.names if name is not None]
+    if len(labels) == table.index.nlevels and not {*labels} & {*table.columns}:
+        table = table.reset_index()  # a named index is a column
     named: pd.DataFrame = table.set_axis([str(column) for column in table.columns], axis=1)
     return named if named.index.is_unique else named.reset_index(drop=True)  # messages name rows
 

@@ -9,6 +9,7 @@ from dataclasses import fields
 import numpy as np
 from scipy import sparse
 
+from optkit.basics.errors import InputError
 from optkit.instances.instance import Instance
 
 LABELS = ("request_id", "worker_id", "worker_joined", "group_names", "feature_names", "clock")
@@ -39,3 +40,22 @@ def exact_digest(instances: Sequence[Instance]) -> bytes:
                 array = np.asarray(part)
                 digest.update(f"{field.name} {array.dtype} {array.shape}".encode() + array.tobytes())
     return digest.digest()
+
+
+def refuse_repeated(instances: Sequence[Instance]) -> None:
+    """Refuse instances of which two are the same: an interval over them would take a copy for another day.
+
+    Days on which nobody comes, or nothing is asked for, may well be alike.
+
+    Raises
+    ------
+    InputError
+        That names both.
+    """
+    seen: dict[bytes, int] = {}
+    for b, one in enumerate(instances):
+        if not (one.n_requests and one.n_workers):
+            continue
+        first = seen.setdefault(exact_digest([one]), b)
+        if first != b:
+            raise InputError(f"instances {first} and {b} are the same: intervals need independent ones; leave one out")

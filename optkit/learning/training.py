@@ -228,6 +228,10 @@ class _Course:
     def __post_init__(self) -> None:
         if int(self.batch.request_start[-1]) == 0:
             raise InputError("training needs instances with requests")
+        groups = {one.n_groups for one in (*self.batch.instances, *self.validation.instances)}
+        if len(groups) > 1:
+            told = " and ".join(map(str, sorted(groups)))
+            raise InputError(f"instances have {told} worker groups: train on days of the same groups")
         if not isinstance(self.choice, Preferences) and self.choice not in ("learned", "pooled", "true"):
             raise InputError(f'choice = {self.choice!r}: take "learned", "pooled", "true", or Preferences')
         if self.learned is not None and self.choice != ("pooled" if self.learned.preferences.pooled else "learned"):

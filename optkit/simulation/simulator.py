@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, Known, locked, real
-from optkit.basics.errors import PolicyError
+from optkit.basics.errors import InputError, PolicyError
 from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
 from optkit.instances.labels import Identifiers
@@ -187,6 +187,21 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
         )
     called = (_called(batch, instance, name) for name in ("request_id", "worker_id"))
     return Simulation(margin + penalty, margin, penalty, accepted, paid, expired, *called)
+
+
+def named_policies(policies: Any) -> None:
+    """Refuse what is no mapping from names to policies.
+
+    Raises
+    ------
+    InputError
+        If it is none, or one of them cannot be called.
+    """
+    if not isinstance(policies, Mapping):
+        raise InputError(f"policies is a {type(policies).__name__}: give a dict, such as {{'mine': policy}}")
+    for name, policy in policies.items():
+        if not callable(policy):
+            raise InputError(f"policy {name!r} is a {type(policy).__name__}, which cannot be called")
 
 
 def _called(batch: Batch, instance: Ints, name: str) -> tuple[Identifiers | None, ...] | None:

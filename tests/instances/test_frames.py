@@ -386,3 +386,12 @@ def test_columns_may_be_called_by_numbers():
     asked = pd.DataFrame({0: ["a"], 3: [1.5], "arrival": 0, "expiry": 2, "reward": 9.0, "utility": 0.0})
     day = days_from_frames(asked, pd.DataFrame({0: ["a"], "joined": 0}), day=0, features=[3])["a"]
     assert day.features.tolist() == [[1.5]]
+
+
+def test_a_named_index_is_a_column():
+    """Identifiers that stand in it are kept; where a column has its name already, that one counts."""
+    named = requests(request_id=["a", "b", "c"]).set_index("request_id")
+    assert made(named).request_id.tolist() == ["a", "b", "c"]
+    assert made(requests(request_id=["a", "b", "c"]).set_index("request_id", drop=False)).request_id.tolist() == [
+        *"abc"
+    ]

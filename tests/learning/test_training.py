@@ -563,3 +563,11 @@ def test_validation_is_run_in_several_moods(split):
 
     train(split, Watching(1.0), choice="true", deviations=(1.0,))
     assert max(batches) == MOODS * sum(one.n_requests for one in split.validation) + 1
+
+
+def test_days_of_other_groups_are_refused():
+    """Workers of one day's only group are not those of another's first."""
+    days = scenario("II", seed=0, horizon=8).sample(4, 1)
+    one = [replace(d, utility=d.utility[:1], mu=d.mu[:1], worker_group=0 * d.worker_group) for d in days[:2]]
+    with pytest.raises(InputError, match="1 and 3 worker groups"):
+        train([*one, *days[2:]])

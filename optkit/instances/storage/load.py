@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -203,6 +204,10 @@ def _read_table(path: Path, document: dict[str, Any]) -> Columns:
         file = pq.ParquetFile(pa.BufferReader(raw))
         names = Counter(file.schema_arrow.names)
         have = {field.name: field.type for field in file.schema_arrow}
+        # Columns of one's own are ignored, but not more features or groups than are declared.
+        alien = [name for name in names if name not in wanted.names and re.fullmatch(r"(feature|utility)_\d+", name)]
+        if alien:
+            raise damaged(path, f"has a column {alien[0]!r}, beyond the features and groups of scenario.json")
         for field in wanted:
             if field.name not in have:
                 raise damaged(path, f"has no column {field.name!r} among {listed(have)}")

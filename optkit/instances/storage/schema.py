@@ -130,6 +130,8 @@ def damaged(path: Path, what: str) -> DataError:
 def read_bytes(path: Path) -> bytes:
     """Return the content of a file, or raise a DataError that says why not."""
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise damaged(path, "is no regular file")  # and might never end
         return path.read_bytes()
     except FileNotFoundError:
         raise damaged(path, "is missing") from None

@@ -642,6 +642,19 @@ def test_more_columns_are_ignored(folder, instances):
     assert load_instances(folder) == instances
 
 
+def test_features_beyond_those_declared_are_refused(folder):
+    """Whoever edits the sizes does not drop a column in silence."""
+    change_json(folder, "features", value=1)
+    fails(folder, "requests.parquet", "has a column 'feature_1', beyond the features and groups")
+
+
+def test_a_pipe_is_no_file(folder):
+    """It might never end."""
+    (folder / "scenario.json").unlink()
+    os.mkfifo(folder / "scenario.json")
+    fails(folder, "scenario.json", "is no regular file")
+
+
 def test_folder_in_place_of_a_file(folder):
     """A folder where a table should be cannot be read."""
     (folder / "workers.parquet").unlink()
