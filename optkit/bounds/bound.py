@@ -29,7 +29,8 @@ class Verdict(Known):
     bound : float
         The upper bound that the certificate proves, recomputed from the instance, in money.
     attained : float
-        What the certificate's feasible solution earns, recomputed, in money; ``-inf`` if it has none.
+        What the certificate's feasible solution earns, recomputed, in money, or less where rounding hides the rest;
+        ``-inf`` if it has none.
     residual : float
         The largest violation of feasibility found in the solution, 0 if it is feasible.
     """

@@ -45,6 +45,9 @@ LOG_EPS = float(np.log(EPS))
 LARGEST = 600.0
 """Log-odds up to which weights are summed as they are."""
 
+LAST_DIGITS = 1e-10
+"""Part of a profit that rounding may add before it is taken off what a policy is said to earn."""
+
 ENOUGH = 1e-8
 """Rise of a table's profits, in units of mu, up to which they count as solved: rounding is far below it."""
 
@@ -227,7 +230,6 @@ class SubsetProgram:
                         ratio = np.fmax(ratio, (self._before(stage, later) - kept) / mu)
                         rise, profit = self._prove(stage, ratio, later, earned)
                     needed, after = kept + mu * (ratio + rise), after + profit
-                    after = after - 4.0 * EPS * (np.abs(after) + np.abs(profit))
                 size = sum(np.abs(x[rows]).max() for x in (needed, kept, table))
                 raised.append(float(np.maximum(0.0, (needed - table)[rows].max()) + 4.0 * EPS * size))
                 z = _charge_before(stage, charge)
@@ -285,9 +287,10 @@ class SubsetProgram:
                 gained.reshape(shape)[:, -1] += q * (loss - lost)
             margin = np.abs(np.minimum(x, 1.0)) + np.abs(ratio.reshape(shape)[:, -1]) + np.abs(loss - lost)
             doubt.reshape(shape)[:, -1] += 4.0 * (error[k] + EPS) * q * margin
-        # The policy: c = v - mu (1 + ratio), or 0, so that the margin is mu (ratio + min(x, 1)), and what F misjudges,
-        # less all that rounding may have added: it does earn as much.
+        # The policy: c = v - mu (1 + ratio), or 0, so that the margin is mu (ratio + min(x, 1)), and what F misjudges.
+        # Where rounding may have added more than the last digits, it is taken off: the policy does earn what is left.
         doubt += (value.size + 16) * EPS * (above + np.abs(below) + np.abs(ratio) * slope + np.abs(gained))
+        doubt = np.where(doubt > LAST_DIGITS * (one + slope) * (1.0 + np.abs(ratio)), doubt, 0.0)
         profit = mu * (above + below + ratio * slope + gained - doubt) / (one + slope)
         rise = sufficient_rise(above, below, slope, ratio, value.size, one)
         if not rise.max() <= 1.0:
