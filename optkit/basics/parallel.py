@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from functools import lru_cache
@@ -24,13 +25,17 @@ MOST_JOBS = 1_000
 """Processes that one machine is asked for at most: each takes a tenth of a gigabyte."""
 
 
+PATIENCE = 4.0
+"""Seconds of work that are left to one process: several take a second or two to begin."""
+
+
 def check_jobs(jobs: int, name: str = "n_jobs") -> int:
     """Return a number of processes, with 0 for one per core; InputError if it is none or beyond any machine."""
     return whole_number(name, jobs, least=0, most=MOST_JOBS) or os.cpu_count() or 1
 
 
 def in_parallel(
-    function: Callable[[Task], Answer], tasks: Sequence[Task], jobs: int = 1
+    function: Callable[[Task], Answer], tasks: Sequence[Task], jobs: int | None = 1
 ) -> Iterator[tuple[int, Answer]]:
     """Yield the number of each task with its answer, in the order in which they are done.
 
@@ -41,8 +46,9 @@ def in_parallel(
     function : callable
         Of one task; closures and lambdas may go to other processes too.
     tasks : sequence
-    jobs : int
-        Processes; with 1 all is done in this one.
+    jobs : int or None
+        Processes; with 1 all is done in this one. None begins in this one, and takes one per core for the rest once the
+        first tasks have shown that it would last longer than :data:`PATIENCE`.
 
     Raises
     ------
@@ -55,6 +61,15 @@ def in_parallel(
     [(0, 3), (1, 4)]
     """
     numbered = list(enumerate(tasks))
+    begun = time.perf_counter()
+    for done, item in enumerate(numbered if jobs is None else []):
+        spent = time.perf_counter() - begun
+        if done and spent / done * (len(numbered) - done) > PATIENCE:
+            numbered, jobs = numbered[done:], os.cpu_count() or 1
+            break
+        yield _call(function, item, prints_aside())
+    if jobs is None:
+        return
     jobs = min(jobs, len(numbered))
     if jobs <= 1:
         for item in numbered:

@@ -11,7 +11,7 @@ import typer
 from optkit.basics.errors import InputError, InstanceError, SolverError
 from optkit.basics.seeds import Stream, stream
 from optkit.cli.console import print_table, progress_bar, say, say_json
-from optkit.cli.options import Json, Quiet
+from optkit.cli.options import Jobs, Json, Quiet
 from optkit.cli.output import ROWS, write_rows
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def bound(
         ),
     ] = None,
     time_limit: Annotated[float | None, typer.Option(help="Seconds per instance; with --kind full.")] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; 0 means one per core.")] = 1,
+    jobs: Jobs = None,
     checkpoint: Annotated[
         Path | None,
         typer.Option(help="Keep each bound in this folder; the same command goes on from there."),
@@ -73,7 +73,7 @@ def bound(
     from optkit.instances.splits import PARTS, has_parts
     from optkit.instances.storage import load_instances, read_description
 
-    jobs = check_jobs(jobs, "--jobs")
+    jobs = None if jobs is None else check_jobs(jobs, "--jobs")
     kind = "penalised" if kind == "penalized" else kind
     _check_options(kind, method, time_limit)
     if out is not None:

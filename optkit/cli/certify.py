@@ -13,7 +13,7 @@ from optkit.basics.arrays import number
 from optkit.basics.errors import InputError
 from optkit.basics.printable import printable
 from optkit.cli.console import open_source, progress_bar, say, say_json
-from optkit.cli.options import Believed, Fraction, Json, Mode, Quiet, Seed, Setting, Traceback, Trips
+from optkit.cli.options import Believed, Fraction, Jobs, Json, Mode, Quiet, Seed, Setting, Traceback, Trips
 from optkit.cli.output import FIGURE, ROWS, write_rows
 from optkit.cli.policy_file import own_policies
 
@@ -72,7 +72,7 @@ def certify(
         int | None, typer.Option(min=0, help="Waiting requests told apart, 14 by default; work doubles with each.")
     ] = None,
     preferences: Believed = None,
-    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 for one per core.")] = 1,
+    jobs: Jobs = None,
     checkpoint: Annotated[
         Path | None, typer.Option(help="File that keeps finished instances; a rerun goes on.")
     ] = None,
@@ -98,7 +98,7 @@ def certify(
     from optkit.models.preferences.preferences import Preferences
     from optkit.plotting.files import figure_bytes
 
-    jobs = check_jobs(jobs, "--jobs")
+    jobs = None if jobs is None else check_jobs(jobs, "--jobs")
     if limit is not None:
         check_limit(limit)
     reads = [one for one in (checkpoint, preferences) if one is not None]

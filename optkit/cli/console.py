@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields
@@ -18,6 +19,14 @@ if TYPE_CHECKING:
     from optkit.instances.scenario import Scenario
 
 
+BETWEEN = 30.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+def _left(seconds: float) -> str:
+    return f"about {seconds / 60:.0f} min left" if seconds >= 90 else f"about {seconds:.0f} s left"
+
+
 def _shown(bars: Progress) -> AbstractContextManager[Progress]:
     # Before Rich 14.3 a disabled one that ends writes an empty line where there is no terminal.
     return nullcontext(bars) if bars.disable else bars
@@ -25,7 +34,10 @@ def _shown(bars: Progress) -> AbstractContextManager[Progress]:
 
 @contextmanager
 def progress_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function of stage, done and total that draws bars on standard error, if that is a terminal."""
+    """Yield a function of stage, done and total that draws bars on standard error, with the time that is left.
+
+    Where that is no terminal it writes a line now and then, for a log.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -38,11 +50,18 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     )
     with _shown(Progress(*columns, console=console, disable=quiet or not console.is_terminal)) as bars:
         tasks: dict[str, Any] = {}
+        begun: dict[str, tuple[float, int]] = {}
+        said = time.monotonic()
 
         def tell(stage: str, done: int, total: int) -> None:
+            nonlocal said
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
+                tasks[stage], begun[stage] = bars.add_task(stage, total=total), (time.monotonic(), done)
             bars.update(tasks[stage], completed=done, total=total)
+            now, (first, before) = time.monotonic(), begun[stage]
+            if not quiet and not console.is_terminal and done > before and now - said > BETWEEN:
+                said, left = now, (now - first) / (done - before) * (total - done)
+                say(f"{stage}: {done} of {total}, {_left(left)}", err=True)
 
         yield tell
 
@@ -53,8 +72,6 @@ def study_bar(name: str, quiet: bool) -> Iterator[Callable[[int, int, float], No
 
     Where that is no terminal it writes a line now and then, for a log.
     """
-    import time
-
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -72,11 +89,10 @@ def study_bar(name: str, quiet: bool) -> Iterator[Callable[[int, int, float], No
 
         def tell(done: int, total: int, left: float) -> None:
             nonlocal said
-            minutes = f"about {left / 60:.0f} min left" if left >= 90 else f"about {left:.0f} s left"
-            bars.update(task, completed=done, total=total, left=minutes if done < total else "")
-            if not quiet and not console.is_terminal and time.monotonic() - said > 30:
+            bars.update(task, completed=done, total=total, left=_left(left) if done < total else "")
+            if not quiet and not console.is_terminal and time.monotonic() - said > BETWEEN:
                 said = time.monotonic()
-                say(f"{name}: {done} of {total} cells, {minutes}", err=True)
+                say(f"{name}: {done} of {total} cells, {_left(left)}", err=True)
 
         yield tell
 

@@ -22,6 +22,10 @@ Setting = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output instead of a table.")]
 Traceback = Annotated[bool, typer.Option("--traceback", help="If it fails, show where, before the line that says why.")]
+Jobs = Annotated[
+    int | None,
+    typer.Option(help="Processes; 0 for one per core, which is the default where it would last some seconds."),
+]
 Believed = Annotated[
     Path | None,
     typer.Option("--preferences", help="What workers like: preferences.json, which optkit fit --out FOLDER writes."),

@@ -203,7 +203,7 @@ def gap_report(
     learned: WorkerRates | None = None,
     others: Sequence[Instance] = (),
     seed: int = 0,
-    n_jobs: int = 1,
+    n_jobs: int | None = 1,
     progress: Callable[[int, int], object] | None = None,
     checkpoint: str | Path | None = None,
 ) -> GapReport:
@@ -248,8 +248,8 @@ def gap_report(
         Other days that the process is tested on too, as in :func:`optkit.gap.process_tests.process_tests`.
     seed : int
         Of the arrivals that might have come, of the noise, and of the tests.
-    n_jobs : int
-        Processes, 0 for one per core; the numbers do not depend on it.
+    n_jobs : int or None
+        Processes, 0 for one per core, None for as many as are worth it; the numbers do not depend on it.
     progress : callable, optional
         Called with the number of instances done, and their number.
     checkpoint : path, optional
@@ -294,7 +294,7 @@ def gap_report(
     else:
         instances = list(source)
     chosen = _checked(instances, policies, value, foresight, charges, kinds, limit, redraws, confidence, seed)
-    jobs = check_jobs(n_jobs)
+    jobs = None if n_jobs is None else check_jobs(n_jobs)
     refused: list[str] = []
     charge_for = [kind for kind in chosen if kind in CHARGED]
     assumed = foresight if "penalised" in chosen else charges.foresight if charges is not None else None

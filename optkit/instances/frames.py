@@ -90,6 +90,8 @@ def understood(
     named = [c for c in requests.columns if c.startswith(PREFIX) and len(c) > len(PREFIX)]
     if not named:
         need("requests", requests, ["utility"], remedy)
+    once("requests", requests, named)
+    once("workers", workers, ["group"])
     group, groups, columns = _groups(requests, workers, [c for c in named if c not in features])
     need("requests", requests, columns, remedy)
     for table, own, known in (

@@ -1,20 +1,39 @@
 """One function over many things, in several processes."""
 
 import os
+import time
 
 import numpy as np
 import pytest
 
+from optkit.basics import parallel
 from optkit.basics.errors import InputError, SolverError
 from optkit.basics.parallel import check_jobs, in_parallel
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, 2, None])
 def test_answers_belong_to_their_tasks(jobs):
     """Whatever the order, each number comes once with the answer to its task; closures travel."""
     factor = 3
     found = dict(in_parallel(lambda x: factor * x, range(7), jobs))
     assert found == {i: 3 * i for i in range(7)}
+
+
+@pytest.mark.slow
+def test_processes_are_taken_where_it_lasts(monkeypatch):
+    """What is quick is done in this process; what would last begins here and goes on in others."""
+    here = os.getpid()
+    assert {pid for _, pid in in_parallel(lambda x: os.getpid(), range(50), None)} == {here}
+    monkeypatch.setattr(parallel, "PATIENCE", 0.2)
+
+    def slow(x):
+        time.sleep(0.05)
+        return x, os.getpid()
+
+    found = dict(in_parallel(slow, range(12), None))
+    assert [found[i][0] for i in range(12)] == [*range(12)]
+    assert found[0][1] == here
+    assert len({pid for _, pid in found.values()}) > 1
 
 
 def test_the_last_digit_does_not_depend_on_processes():

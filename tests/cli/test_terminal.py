@@ -8,6 +8,7 @@ import random
 import re
 import signal
 import sys
+import time
 import unicodedata
 import warnings
 from pathlib import Path
@@ -19,6 +20,7 @@ import optkit.cli
 from optkit.basics.errors import DataError, MissingExtraError, OptkitError, SolverError
 from optkit.basics.plain_json import to_json
 from optkit.basics.printable import encodable, listed, printable
+from optkit.cli import console
 
 NASTY = [
     *map(chr, [*range(1, 32), 127, *range(0x80, 0xA0)]),  # C0, DEL, C1
@@ -264,3 +266,17 @@ def test_logs_of_libraries_are_silent_with_quiet_and_never_on_standard_output(
     assert (told in caplog.text) == (not quiet)  # who listens to logs is told, unless they are silent
     assert "that was all" in done.stderr
     assert logging.root.manager.disable == 0
+
+
+def test_a_log_is_told_how_long_it_will_take(monkeypatch, capsys):
+    """Where there is no terminal, a line now and then says how much is done and left; --quiet says nothing."""
+    monkeypatch.setattr(console, "BETWEEN", 0.0)
+    for quiet in (False, True):
+        with console.progress_bar(quiet) as tell:
+            for done in range(4):
+                tell("bounding", done, 3)
+                time.sleep(0.01)
+        said = capsys.readouterr().err.splitlines()
+        wanted = [] if quiet else [f"bounding: {done} of 3" for done in (1, 2, 3)]
+        assert [line.partition(",")[0] for line in said] == wanted
+        assert all(re.fullmatch(r"bounding: \d of 3, about \d+ s left", line) for line in said)
