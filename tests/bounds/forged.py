@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -91,7 +92,10 @@ def _changed(table: Any, change: Any, rng: np.random.Generator) -> Any:
         return table ^ (rng.random(table.shape) < 0.5)
     if table.dtype.kind in "iu":
         return rng.permutation(table) if rng.random() < 0.5 else rng.integers(-1, 6, table.shape)
-    with np.errstate(over="ignore", invalid="ignore"):
+    if table.dtype != float:  # of another type since an earlier change
+        return table
+    with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy's, of what a type cannot hold
         return change(table, rng)
 
 

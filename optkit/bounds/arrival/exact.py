@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats, floats, whole_number
+from optkit.basics.arrays import Bools, Floats, flag, floats, whole_number
 from optkit.basics.errors import InputError, SolverError
 from optkit.bounds.arrival.lattice import lattice_bits, stages
 from optkit.bounds.arrival.subsets import SubsetProgram
@@ -75,11 +75,13 @@ class SubsetCertificate:
             If a shape does not fit the instance, a table is not finite, or a multiplier is negative.
         """
         n = instance.n_requests
-        multipliers, tracked = np.asarray(self.multipliers, float), np.asarray(self.tracked)
+        tracked = np.asarray(self.tracked)
         if tracked.shape != (n,) or tracked.dtype != bool:
             raise InputError(f"tracked has shape {tracked.shape}: give each of the {n} requests True or False")
-        program = _program(instance, tracked, checked_multipliers(multipliers, n), self.nonnegative)
-        bound, attained = program.check([np.asarray(table, float) for table in self.tables])
+        program = _program(
+            instance, tracked, checked_multipliers(self.multipliers, n), flag("nonnegative", self.nonnegative)
+        )
+        bound, attained = program.check(list(self.tables))
         return Verdict(bound=bound, attained=attained, residual=0.0)
 
 

@@ -19,10 +19,10 @@ from functools import cached_property
 
 import numpy as np
 
-from optkit.basics.arrays import Bools, Floats, Ints, floats
+from optkit.basics.arrays import Bools, Floats, Ints, floats, real
 from optkit.basics.errors import InputError
 from optkit.bounds.arrival.lattice import Stage, reachable
-from optkit.bounds.rounding import EPS, sufficient_rise, sum_up
+from optkit.bounds.rounding import EPS, TINY, sufficient_rise, sum_up
 from optkit.instances.instance import Instance
 from optkit.models.choice import softmax_with_outside
 from optkit.models.decision import Decisions
@@ -291,7 +291,7 @@ class SubsetProgram:
         # Where rounding may have added more than the last digits, it is taken off: the policy does earn what is left.
         doubt += (value.size + 16) * EPS * (above + np.abs(below) + np.abs(ratio) * slope + np.abs(gained))
         doubt = np.where(doubt > LAST_DIGITS * (one + slope) * (1.0 + np.abs(ratio)), doubt, 0.0)
-        profit = mu * (above + below + ratio * slope + gained - doubt) / (one + slope)
+        profit = mu * (above + below + ratio * slope + gained - doubt) / np.maximum(one + slope, TINY)
         rise = sufficient_rise(above, below, slope, ratio, value.size, one)
         if not rise.max() <= 1.0:
             # Weights beyond floats: pay is at least 0, so that nobody earns more than the best request is worth.
@@ -325,7 +325,8 @@ def _charge_before(stage: Stage, charge: Charge | None) -> Floats | float:
     """Charge for what the stage reveals, levied after the step before it: one entry per subset, in money."""
     if charge is None or not stage.uncertain:
         return 0.0
-    z = np.asarray(charge(stage.step - 1, stage.requests[: stage.uncertain]), float)
+    given = charge(stage.step - 1, stage.requests[: stage.uncertain])
+    z = real(f"the charge of step {stage.step - 1}", given, accept="any")
     if z.shape != (stage.states,) or not np.isfinite(z).all():
         raise InputError(
             f"the charge of step {stage.step - 1} has shape {z.shape}; its {stage.uncertain} requests need one finite "

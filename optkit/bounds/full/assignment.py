@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optkit.basics.arrays import Floats, Ints
+from optkit.basics.arrays import Floats, Ints, ints, real
 from optkit.basics.errors import InputError
 from optkit.bounds.bound import Verdict
 from optkit.bounds.full.edges import edges, pair_values
@@ -72,8 +72,8 @@ class AssignmentCertificate:
             If the noise is not realised.
         """
         n, J = instance.n_requests, instance.n_workers
-        prices = np.asarray(self.request_dual, float)
-        worker, request = np.asarray(self.worker, np.int64), np.asarray(self.request, np.int64)
+        prices = real("request_dual", self.request_dual, accept="any")
+        worker, request = (ints(name, getattr(self, name), None) for name in ("worker", "request"))
         if prices.shape != (n,) or np.isnan(prices).any():
             raise InputError(f"request_dual has shape {prices.shape}: give each of the {n} requests a number, not NaN")
         if worker.shape != request.shape or worker.ndim != 1:
