@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import optkit
-from optkit import Instance, gap_report, performance_ratio
+from optkit import Instance, gap_report, performance_ratio, simulate
 from optkit.basics.errors import OptkitError
 from optkit.instances.benchmark.sets import write_benchmark_sets
 from optkit.instances.days import days_from_frames
@@ -48,6 +48,8 @@ def report(**given):
 
 FLAGS = {
     "performance_ratio in_the_mean": lambda x: performance_ratio([1.0], [2.0], [0.0], in_the_mean=x),
+    "simulate keep_offers": lambda x: simulate([], RewardPercentage(0.5), keep_offers=x),
+    "Simulation.to_frame rejected": lambda x: simulate([], RewardPercentage(0.5)).to_frame(rejected=x),
     "Instance.from_frames queue": lambda x: Instance.from_frames(*(t.drop(columns="day") for t in TABLES), queue=x),
     "days_from_frames queue": lambda x: days_from_frames(*TABLES, day="day", queue=x),
     "save_instances overwrite": lambda x: save_instances(".", [], overwrite=x),

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, Known, locked, real
+from optkit.basics.arrays import MOST_MONEY, Bools, Floats, Ints, Known, flag, locked, real
 from optkit.basics.errors import InputError, PolicyError
 from optkit.basics.users_code import name_of, users_code
 from optkit.instances.instance import Instance
 from optkit.instances.labels import Identifiers
 from optkit.simulation.batch import Batch
+from optkit.simulation.offers_made import OffersMade
 from optkit.simulation.same_world import same_world
 from optkit.simulation.state import State
 
@@ -46,6 +47,8 @@ class Simulation(Known):
         Which requests expired unserved; padded with False to the largest number of requests.
     request_id, worker_id : tuple of arrays or None
         What the requests and the workers of each run are called, if they are called anything.
+    offers : DataFrame or None
+        Every offer (:class:`optkit.simulation.offers_made.OffersMade`), if ``simulate`` was asked to keep them.
     """
 
     lacking = ("compensation",)
@@ -58,6 +61,7 @@ class Simulation(Known):
     expired: Bools
     request_id: tuple[Identifiers | None, ...] | None = None
     worker_id: tuple[Identifiers | None, ...] | None = None
+    offers: pd.DataFrame | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         runs, mean = len(self.reward), self.reward.mean() if len(self.reward) else 0.0
@@ -71,11 +75,21 @@ class Simulation(Known):
         """Number of requests served in each run, (B,)."""
         return np.asarray((self.accepted >= 0).sum(axis=1))
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_frame(self, *, rejected: bool = False) -> pd.DataFrame:
         """One row per accepted request: ``run``, ``worker``, ``request``, ``compensation``.
 
         Where the instances say what things are called, also ``worker_id`` and ``request_id``, by which it is joined to
         the tables that the instances were made of.
+
+        Parameters
+        ----------
+        rejected : bool
+            One row per offer, those that were not accepted too, with ``step``, ``group``, ``reward`` and ``accepted``.
+
+        Raises
+        ------
+        InputError
+            If the offers were not kept.
 
         Examples
         --------
@@ -88,17 +102,28 @@ class Simulation(Known):
         """
         import pandas as pd
 
-        run, worker = np.nonzero(self.accepted >= 0)
-        columns: dict[str, Any] = {"run": run, "worker": worker, "request": self.accepted[run, worker]}
+        if flag("rejected", rejected):
+            if self.offers is None:
+                raise InputError("the offers were not kept: ask simulate(..., keep_offers=True) for them")
+            columns: dict[str, Any] = {str(name): column.to_numpy() for name, column in self.offers.items()}
+            run, paid = columns["run"], {}
+        else:
+            run, worker = np.nonzero(self.accepted >= 0)
+            columns = {"run": run, "worker": worker, "request": self.accepted[run, worker]}
+            paid = {"compensation": self.compensation[run, worker]}
         for name, ids in (("worker", self.worker_id), ("request", self.request_id)):
             if ids is not None:
                 pairs = zip(run.tolist(), columns[name].tolist(), strict=True)
                 columns[f"{name}_id"] = [None if (own := ids[r]) is None else own[at] for r, at in pairs]
-        return pd.DataFrame({**columns, "compensation": self.compensation[run, worker]})
+        return pd.DataFrame({**columns, **paid})
 
 
 def simulate(
-    instances: Instance | Sequence[Instance] | Batch, policy: Policy, *, observe: Observer | None = None
+    instances: Instance | Sequence[Instance] | Batch,
+    policy: Policy,
+    *,
+    observe: Observer | None = None,
+    keep_offers: bool = False,
 ) -> Simulation:
     """Run a policy through instances, all in lockstep.
 
@@ -115,6 +140,8 @@ def simulate(
         worked example.
     observe : callable, optional
         Called at every step in which somebody decides, with the state, the compensations and the choices.
+    keep_offers : bool
+        Keep every offer, for ``to_frame(rejected=True)``.
 
     Returns
     -------
@@ -137,7 +164,16 @@ def simulate(
     True
     """
     batch = Batch.of(instances)
-    return run(batch, policy, np.arange(len(batch)), observe=observe)
+    if not flag("keep_offers", keep_offers):
+        return run(batch, policy, np.arange(len(batch)), observe=observe)
+    made = OffersMade()
+
+    def both(*seen: Any) -> None:
+        made(*seen)
+        if observe is not None:
+            observe(*seen)
+
+    return replace(run(batch, policy, np.arange(len(batch)), observe=both), offers=made.to_frame())
 
 
 def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | None = None) -> Simulation:
@@ -185,8 +221,8 @@ def run(batch: Batch, policy: Policy, instance: Ints, *, observe: Observer | Non
             f"what the policy pays in instance {instance[lost]} adds up to more than a number can hold; "
             "a compensation is an amount of moderate size"
         )
-    called = (_called(batch, instance, name) for name in ("request_id", "worker_id"))
-    return Simulation(margin + penalty, margin, penalty, accepted, paid, expired, *called)
+    requests, workers = (_called(batch, instance, name) for name in ("request_id", "worker_id"))
+    return Simulation(margin + penalty, margin, penalty, accepted, paid, expired, requests, workers)
 
 
 def named_policies(policies: Any) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 from contextlib import suppress
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -577,3 +578,28 @@ def test_a_number_is_no_list_of_instances():
     """Passing something that is no list of instances is an InputError."""
     with pytest.raises(InputError):
         simulate(42, RewardPercentage(0.5))
+
+
+@pytest.mark.parametrize("name", ["I.1", "II"])
+def test_every_offer_is_kept_if_asked_for(name):
+    """Against an observer's loop: who was offered what, and took it or not; identifiers join it to one's tables."""
+    days = scenario(name, seed=0, horizon=10).sample(3, seed=1)
+    days = [dataclasses.replace(day, request_id=[f"r{i}" for i in range(day.n_requests)]) for day in days]
+    seen = []
+
+    def watch(state, offer, taken):
+        for b in range(len(state.row)):
+            for w in np.flatnonzero(state.offered[b]):
+                instance = state.instance[b]
+                request = state.request[b, w] - state.batch.request_start[instance]
+                seen.append((state.row[b], state.step, state.group[b], f"r{request}", offer[b, w], taken[b] == w))
+
+    done = simulate(days, RewardPercentage(0.6), observe=watch, keep_offers=True)
+    found = done.to_frame(rejected=True)
+    columns = ["run", "step", "group", "request_id", "compensation", "accepted"]
+    assert sorted(map(tuple, found[columns].to_numpy(object).tolist())) == sorted(seen)
+    taken = found[found["accepted"]][["run", "worker", "request", "compensation"]].reset_index(drop=True)
+    plain = done.to_frame()[["run", "worker", "request", "compensation"]]
+    pd.testing.assert_frame_equal(taken.sort_values(["run", "worker"], ignore_index=True), plain)
+    with pytest.raises(InputError, match="keep_offers=True"):
+        simulate(days, RewardPercentage(0.6)).to_frame(rejected=True)
