@@ -273,7 +273,7 @@ class KeptRows:
     """
 
     def __init__(self, path: str | os.PathLike[str] | None, form: Form, key: str) -> None:
-        self.path, self.form = None if path is None else Path(path), form
+        self.path, self.form, self.key = None if path is None else Path(path), form, key
         self.rows: dict[int, dict[str, Any]] = {}
         if self.path is not None:
             try:
@@ -298,8 +298,11 @@ class KeptRows:
         *lines, cut = rest.split(b"\n")
         for number, line in enumerate(lines, start=2):
             row = parse_object(line)
-            if row is None or not (is_sealed(row) and {"number", "row"} <= row.keys()):
+            kinds = None if row is None or not is_sealed(row) else (type(row.get("number")), type(row.get("row")))
+            if row is None or kinds != (int, dict):
                 raise self._damaged(number)
+            if row.get("of", key[:16]) != key[:16]:  # rows of earlier releases do not say it
+                raise InputError(f"{path} has a row of other work in line {number}: {self.form.remedy}")
             self.rows[row["number"]] = row["row"]
         if cut:
             self._drop_cut_line(path)
@@ -325,7 +328,7 @@ class KeptRows:
         if self.path is None:
             self.rows[number] = row
             return
-        entry = sealed({"number": number, "row": row})
+        entry = sealed({"of": self.key[:16], "number": number, "row": row})
         self.rows[number] = entry["row"]  # as it will be read again
         try:
             append_line(self.path, json.dumps(entry).encode())

@@ -108,6 +108,8 @@ def certify(
         FIGURE.check(plot, "--plot", reads)
     wanted = policy or ["myopic", "linear"]
     given = _given_policies(wanted)
+    if preferences is not None and not {*wanted} & {"myopic", "linear", "kernel"}:
+        raise InputError("--preferences goes with --policy myopic, linear or kernel, and none of them is asked for")
     believed = None if preferences is None else Preferences.load(preferences)
     shares, rate = _shares(group_share), _rate(worker_rate)
     chosen = None if kinds is None else chosen_kinds([kind.strip() for kind in kinds.split(",")])

@@ -61,7 +61,23 @@ def read_table(
         what: _values(path, name, what, found[name]) if name in found else [None] * rows
         for name, what in meaning.items()
     }
-    return pd.DataFrame(columns, index=range(1, rows + 1))  # as other messages about files count
+    found_table = pd.DataFrame(columns, index=range(1, rows + 1))  # as other messages about files count
+    for name, zone in _zones(path).items():
+        what = meaning[name]
+        if what in TIMES and rows:
+            moments = pd.to_datetime(found_table[what], utc=True, format="ISO8601")
+            found_table[what] = moments.dt.tz_convert(zone)
+    return found_table
+
+
+def _zones(path: Path) -> dict[str, str]:
+    """Return the time zones of a parquet file's columns, whose text has their offsets alone."""
+    if path.suffix.lower() not in (".parquet", ".pq"):
+        return {}
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    return {one.name: one.type.tz for one in pq.read_schema(path) if pa.types.is_timestamp(one.type) and one.type.tz}
 
 
 def _converter(what: str, table: str, feature: bool, day: bool) -> Converter | None:
@@ -118,6 +134,9 @@ def read_open_requests(path: Path, trained: Trained) -> tuple[pd.DataFrame, list
     features = features or [name for name in names if name.startswith("feature_")]
     renamed = {"request": "request_id"} if "request" in names and "request_id" not in names else {}
     table = read_table(path, "requests", renamed, features, None)
+    for name in ("decision", "offered"):
+        if name in table:
+            raise DataError(f"{path} has a column {name!r}, which goes without --policy: leave out what does not count")
     known = (*REQUESTS, *features, "utility")
     ignored = [name for name in table.columns if name not in known and not name.startswith(PREFIX)]
     return table.drop(columns=ignored), ignored

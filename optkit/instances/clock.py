@@ -54,7 +54,7 @@ class Clock:
         if self.zone is not None:
             try:
                 known = pd.Timestamp(self.start).tz_convert(self.zone)
-            except (KeyError, OSError, TypeError, ValueError):
+            except (IndexError, KeyError, OSError, TypeError, ValueError):
                 known = None
             if known is None or known.utcoffset() != pd.Timestamp(self.start).utcoffset():
                 raise InstanceError(f"the clock's zone {self.zone!r} is none in which it is {self.start}")
@@ -98,7 +98,7 @@ class Clock:
         """
         import pandas as pd
 
-        start = pd.Timestamp(self.start)
+        start = pd.Timestamp(self.start) if self.zone is None else pd.Timestamp(self.start).tz_convert(self.zone)
         if isinstance(time, str) and TIME_OF_DAY.fullmatch(time.strip()):
             wanted = at_time_of_day(start, time.strip())
         else:

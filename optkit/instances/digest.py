@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from scipy import sparse
@@ -14,6 +14,10 @@ from optkit.instances.instance import Instance
 
 LABELS = ("request_id", "worker_id", "worker_joined", "group_names", "feature_names", "clock")
 """Fields that no number depends on: what things are called changes nothing, nor does when a worker joined."""
+
+
+DIFFERENT = 4
+"""Different rewards from which two days are not alike by chance, as those of a few types of requests are."""
 
 
 def exact_digest(instances: Sequence[Instance]) -> bytes:
@@ -45,7 +49,8 @@ def exact_digest(instances: Sequence[Instance]) -> bytes:
 def refuse_repeated(instances: Sequence[Instance]) -> None:
     """Refuse instances of which two are the same: an interval over them would take a copy for another day.
 
-    Days on which nobody comes, or nothing is asked for, may well be alike.
+    Other draws of the noise make no other day. Days on which hardly anything happens may well be alike: those of fewer
+    than :data:`DIFFERENT` rewards are the same only if their noise is, too.
 
     Raises
     ------
@@ -56,6 +61,8 @@ def refuse_repeated(instances: Sequence[Instance]) -> None:
     for b, one in enumerate(instances):
         if not (one.n_requests and one.n_workers):
             continue
-        first = seen.setdefault(exact_digest([one]), b)
+        many = one.noise is not None and np.unique(one.reward).size >= DIFFERENT
+        first = seen.setdefault(exact_digest([replace(one, noise=None, outside_noise=None) if many else one]), b)
         if first != b:
-            raise InputError(f"instances {first} and {b} are the same: intervals need independent ones; leave one out")
+            told = f"instances {first} and {b} are the same"
+            raise InputError(f"{told}: intervals need independent days; if one is a copy, leave it out")

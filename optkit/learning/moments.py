@@ -50,6 +50,8 @@ def moment(expiry: pd.Series, step: int | None, time: Any, clock: Clock | None, 
         raise InputError("say at which step the requests are open, or at which time: one of them")
     if not (len(expiry) and is_time(expiry)):
         now = whole_number("step", step, least=0) if step is not None else _clock(clock).step_at(time)
+        if now < 0 and isinstance(time, str) and TIME_OF_DAY.fullmatch(time.strip()):
+            now += round(24 * 3600 / _clock(clock).step)  # past midnight
         return Moment(now, whole_numbers_of("expiry", expiry), [])
     day = Day(_clock(clock), instants("expiry", expiry))
     dated = step is None and not (isinstance(time, str) and TIME_OF_DAY.fullmatch(time.strip()))

@@ -41,6 +41,9 @@ def same_world(batch: Batch, policy: object) -> Iterator[None]:
     before: dict[str, tuple[Any, dict[str, Any]]]
     before = {where: (thing, dict(vars(thing))) for where, thing in {**things, "the batch": batch}.items()}
     before["the noise"] = (batch.noise, dict(vars(batch.noise)))
+    for where, one in things.items():
+        if hasattr(one.noise, "indptr"):  # sparse: its arrays are attributes
+            before[f"the noise of {where}"] = (one.noise, dict(vars(one.noise)))
     try:
         yield
     except Exception as fault:

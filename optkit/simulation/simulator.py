@@ -293,7 +293,7 @@ def offers(policy: Policy, state: State) -> Floats:
     name = name_of(policy)
     with users_code(f"the policy {name}, at step {state.step},"):
         what = f"what the policy {name} returned at step {state.step}"
-        offer = real(what, policy(state), accept="any", error=PolicyError)
+        offer = real(what, policy(_seen(state)), accept="any", error=PolicyError)
     if offer.shape != state.offered.shape:
         shapes = f"shape {offer.shape} at step {state.step} for {state.offered.shape} decisions and requests"
         raise PolicyError(f"the policy {name} returned {shapes}; return a compensation for each")
@@ -307,6 +307,11 @@ def offers(policy: Policy, state: State) -> Floats:
             f"at step {state.step}; a compensation is a finite number >= 0, of moderate size"
         )
     return locked(np.where(state.offered, offer, 0.0))
+
+
+def _seen(state: State) -> State:
+    """The same state in an object of its own: whatever a policy does to it, workers choose by the other."""
+    return State(state.batch, state.step, state.row, state.instance, state.worker, state.request, state.offered)
 
 
 def _choose(state: State, offer: Floats) -> Ints:

@@ -238,3 +238,20 @@ def test_without_a_path_nothing_is_written(tmp_path, monkeypatch):
     log.add(0, {"x": 1})
     assert log.rows == {0: {"x": 1}}
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_row_is_of_its_work(tmp_path):
+    """Whoever puts one file's rows under another's head is told; older rows do not say whose they are."""
+    for key in ("a" * 32, "b" * 32):
+        KeptRows(tmp_path / key[0], FORM, key).add(0, {"bound": 1.0})
+    head, _ = (tmp_path / "a").read_text().splitlines()
+    _, row = (tmp_path / "b").read_text().splitlines()
+    (tmp_path / "mixed").write_text(f"{head}\n{row}\n")
+    with pytest.raises(InputError, match="a row of other work in line 2"):
+        KeptRows(tmp_path / "mixed", FORM, "a" * 32)
+    (tmp_path / "old").write_text(f"{head}\n{json.dumps(sealed({'number': 0, 'row': {'bound': 2.0}}))}\n")
+    assert KeptRows(tmp_path / "old", FORM, "a" * 32).rows == {0: {"bound": 2.0}}
+    for odd in ({"number": [1], "row": {}}, {"number": 1, "row": 3}, {"number": True, "row": {}}, {"number": 1}):
+        (tmp_path / "odd").write_text(f"{head}\n{json.dumps(sealed(odd))}\n")
+        with pytest.raises(DataError, match="damaged in line 2"):
+            KeptRows(tmp_path / "odd", FORM, "a" * 32)

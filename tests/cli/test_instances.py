@@ -172,3 +172,14 @@ def test_rows_of_files_count_from_1(tmp_path):
             "instances", tmp_path / "requests.csv", tmp_path / "workers.csv", "--out", tmp_path / "o", check=2
         )
         assert message in done.stderr
+
+
+def test_parquet_keeps_its_time_zone(tmp_path):
+    """By name, not only the offset of the day."""
+    times = pd.date_range("2026-03-28 08:00", periods=3, freq="10min", tz="Europe/Berlin")
+    asked = {"arrival": times, "expiry": times + pd.Timedelta("30min"), "reward": 9.0, "utility": -1.0}
+    pd.DataFrame(asked).to_parquet(tmp_path / "r.parquet")
+    pd.DataFrame({"joined": times}).to_parquet(tmp_path / "w.parquet")
+    files = (tmp_path / "r.parquet", tmp_path / "w.parquet")
+    optkit("instances", *files, "--step", "60s", "--out", tmp_path / "days", check=0)
+    assert load_instances(tmp_path / "days")[0].clock.zone == "Europe/Berlin"

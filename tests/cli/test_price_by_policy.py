@@ -1,5 +1,7 @@
 """optkit price with a trained policy: tables of one's own, a fit, a policy, and this morning's requests."""
 
+import io
+
 import pandas as pd
 import pytest
 
@@ -58,3 +60,13 @@ def test_what_is_missing_is_said(policy, tmp_path):
         assert message in done.stderr
         assert done.stderr.splitlines()[-1].startswith("optkit: ")
     assert "--step 3 goes with --policy" in optkit("price", tmp_path / "open.csv", "--step", 3, check=2).stderr
+
+
+@pytest.mark.slow
+def test_columns_that_would_count_are_not_ignored(policy, tmp_path):
+    """Requests that are not on offer, and several decisions, are not priced as one."""
+    table = pd.read_csv(io.StringIO(OPEN), dtype={"request": str}).drop(columns="colour")
+    for name in ("offered", "decision"):
+        table.assign(**{name: [0, 1]}).to_csv(tmp_path / "open.csv", index=False)
+        words = ("--policy", policy, "--time", "08:01:40", "--group", "car")
+        assert f"has a column '{name}'" in optkit("price", tmp_path / "open.csv", *words, check=2).stderr

@@ -36,6 +36,13 @@ def test_the_same_day_twice_is_no_second_day():
         compare(again, HALF, [BOUNDS[0], BOUNDS[1], BOUNDS[0]])
     with pytest.raises(InputError, match="instances 0 and 2 are the same"):
         gap_report(again, HALF, kinds="full")
+    moods = [DAYS[0].with_noise(1), DAYS[0].with_noise(2)]  # another mood is no other day
+    with pytest.raises(InputError, match="instances 0 and 1 are the same"):
+        gap_report(moods, HALF, kinds="full")
+    with pytest.raises(InputError, match="instances 0 and 1 are the same"):
+        compare(moods, HALF, [full_information(day) for day in moods])
+    small = [one.with_noise(k) for k, one in enumerate(scenario("I.1", seed=0, horizon=1).sample(1, seed=4) * 2)]
+    assert len(gap_report(small, HALF, kinds="full").rows) == 2
     idle = scenario("I.1", seed=0, horizon=2, worker_rate=0.0).sample(3, seed=1)
     assert len(gap_report(idle, HALF, kinds="full").rows) == 3
 

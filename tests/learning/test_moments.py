@@ -34,6 +34,23 @@ def test_a_night_goes_past_midnight():
     assert asked(*late, step=115, clock=NIGHT) == (115, [124, 160])
 
 
+def test_a_night_in_steps():
+    """A time of day before the start is the next morning's, where deadlines are steps, too."""
+    assert asked(190, 200, time="01:00", clock=NIGHT) == (180, [190, 200])
+    assert asked(190, 200, time="23:00", clock=NIGHT) == (60, [190, 200])
+
+
+def test_steps_of_a_day_on_which_clocks_change():
+    """Eight o'clock is nine hours after midnight where an hour came twice."""
+    day = Clock("2026-10-25T00:00:00+02:00", 3600.0, "Europe/Berlin")
+    assert day.step_at("08:00") == 9
+    assert day.time_of(9).isoformat() == "2026-10-25T08:00:00+01:00"
+    with pytest.raises(InputError, match="no one time there"):
+        day.step_at("02:30")
+    with pytest.raises(InputError, match="zone"):
+        Clock("2026-10-25T00:00:00+02:00", 15.0, "")
+
+
 def test_what_is_stale_is_seen():
     """A row of yesterday does not move the others: without a date it is refused, with one it has expired."""
     rows = ("2026-05-04T08:10:30", "2026-05-03T08:10:30")

@@ -85,6 +85,36 @@ def test_a_policy_that_puts_others_in_their_place(days, field):
         assert same(simulate(days, HALF), expected)
 
 
+def test_a_policy_that_changes_its_state(days):
+    """The state that workers choose by is another: what it earns is what its prices earn."""
+    expected = simulate(days, HALF)
+
+    def wishful(state):
+        vars(state)["utility"] = state.utility + 1000.0
+        vars(state)["outside_utility"] = state.outside_utility - 1.0
+        offer = HALF(state)
+        for name in ("request", "offered", "worker"):
+            object.__setattr__(state, name, getattr(state, name)[::-1])
+        return offer
+
+    assert same(simulate(days, wishful), expected)
+
+
+def test_sparse_noise_is_the_world_s(days):
+    """Its arrays are attributes, which a policy may set."""
+    if isinstance(days[0].noise, np.ndarray):
+        pytest.skip("dense noise is an array")
+    expected = simulate(days, HALF)
+
+    def calm(state):
+        state.batch.instances[0].noise.data = 0.0 * state.batch.instances[0].noise.data
+        return HALF(state)
+
+    with pytest.raises(PolicyError, match="calm changed the world"):
+        simulate(days, calm)
+    assert same(simulate(days, HALF), expected)
+
+
 def test_nothing_that_a_policy_keeps_can_be_written_into(days):
     """All arrays of a state are read-only, with what they are views of; those that an observer is told, too."""
     told = []
