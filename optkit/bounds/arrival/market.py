@@ -217,7 +217,8 @@ class OpenPairs:
         prices = np.maximum(given, 0.0)
         residual = float(np.max(prices - given, initial=0.0))
         if not self.size:
-            charged = (1.0 + 2.0 * EPS) * self.count * prices
+            with np.errstate(over="ignore"):  # then the bound is infinite
+                charged = (1.0 + 2.0 * EPS) * self.count * prices
             return Verdict(sum_up([self.constant, *charged.tolist()]), self.constant, residual)
         with np.errstate(over="ignore", invalid="ignore"):
             attained = self.constant + self.feasible_gain(prices, *self.respond(prices))
