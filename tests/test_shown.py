@@ -1,14 +1,12 @@
 """What people hold in their hands fits on one screen: as text, and in a notebook."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from optkit import full_information, gap_report, optimal_prices, scenario
+from optkit import gap_report, optimal_prices
 from optkit.plotting.boxes import box_plot
 from optkit.policies import RewardPercentage
 from tests.public import DAYS, PUBLIC
@@ -52,21 +50,3 @@ def test_figures_show_by_themselves():
     assert report.plot()._repr_png_().startswith(b"\x89PNG")
     assert box_plot({"a": [1.0, 2.0]})._repr_png_().startswith(b"\x89PNG")
     assert not hasattr(box_plot({"a": [1.0, 2.0]}, ax=Figure().subplots()), "_repr_png_")
-
-
-def test_shadow_prices_by_identifier():
-    """They add up to the bound, less the penalties that are due anyway; losing a request costs its price at most."""
-    day = scenario("I.1", seed=0, horizon=12).sample(1, seed=3)[0]
-    named = replace(day, request_id=[f"r{i}" for i in range(day.n_requests)])
-    bound = full_information(named)
-    requests, workers = bound.shadow_prices(named)
-    assert isinstance(requests, pd.Series)
-    assert requests.index.tolist() == named.request_id.tolist()
-    assert requests.sum() + workers.sum() + day.penalty.sum() == pytest.approx(bound.value, rel=1e-12)
-    for i in range(day.n_requests):
-        keep = np.arange(day.n_requests) != i
-        columns = ("arrival", "expiry", "reward", "penalty", "features", "pickup", "dropoff")
-        kept = {name: getattr(day, name)[keep] for name in columns}
-        rest = replace(day, utility=day.utility[:, keep], noise=day.noise[:, keep], **kept)
-        lost = bound.value - day.penalty[i] - full_information(rest).value
-        assert -1e-9 <= lost <= requests.iloc[i] + 1e-9

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
 from optkit.basics.arrays import Known, number
 from optkit.basics.errors import InputError, OptkitError, SolverError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 ROUNDING = 1e-9
 """Part of a bound that its value may differ by on another machine, whose solver and functions round otherwise."""
@@ -177,42 +174,6 @@ class Bound:
 
     def _repr_html_(self) -> str:
         return f"<p>{self!r}: no policy earns more; its certificate proves it</p>"
-
-    def shadow_prices(self, instance: Any) -> tuple[pd.Series, pd.Series]:
-        """Return what one more of each request, and of each worker, is worth to a clairvoyant, in money.
-
-        Parameters
-        ----------
-        instance : Instance
-            That the bound is of; its identifiers label the two series, if it has any.
-
-        Returns
-        -------
-        requests, workers : Series
-            Dual prices of the matching: what the bound loses without the request or the worker, at most.
-
-        Raises
-        ------
-        InputError
-            If the bound has no such prices: only full information by the assignment does.
-
-        Examples
-        --------
-        >>> from optkit import full_information, scenario
-        >>> day = scenario("I.1", seed=0).sample(1, seed=1)[0]
-        >>> bound = full_information(day)
-        >>> requests, workers = bound.shadow_prices(day)
-        >>> bool(abs(requests.sum() + workers.sum() + day.penalty.sum() - bound.value) < 1e-9 * bound.value)
-        True
-        """
-        import pandas as pd
-
-        prices = [getattr(self.certificate, f"{who}_dual", None) for who in ("request", "worker")]
-        if self.kind != "full information" or any(price is None for price in prices):
-            raise InputError(f"a bound of {self.kind} by {self.solver.method} has no prices of requests and workers")
-        labels = (instance.request_id, instance.worker_id)
-        requests, workers = (pd.Series(price, index=own) for price, own in zip(prices, labels, strict=True))
-        return requests.rename("request"), workers.rename("worker")
 
 
 def _finite(bound: Any) -> float:

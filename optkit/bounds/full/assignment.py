@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from optkit.bounds.full.edges import edges, pair_values
 from optkit.bounds.full.shadow_prices import repair
 from optkit.bounds.rounding import sum_up
 from optkit.instances.instance import Instance
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +76,8 @@ class AssignmentCertificate:
             If the noise is not realised.
         """
         n, J = instance.n_requests, instance.n_workers
-        prices = real("request_dual", self.request_dual, accept="any")
+        prices = self._prices(n)
         worker, request = (ints(name, getattr(self, name), None) for name in ("worker", "request"))
-        if prices.shape != (n,) or np.isnan(prices).any():
-            raise InputError(f"request_dual has shape {prices.shape}: give each of the {n} requests a number, not NaN")
         if worker.shape != request.shape or worker.ndim != 1:
             raise InputError(f"worker has shape {worker.shape} and request {request.shape}: give one of each per pair")
         y, z = repair(edges(instance), prices)
@@ -90,3 +92,44 @@ class AssignmentCertificate:
         residual = max(float(overuse), float(not meets))
         attained = -np.inf if residual else float(instance.penalty.sum()) + float(pairs.value[at].sum())
         return Verdict(bound=bound, attained=attained, residual=residual)
+
+    def shadow_prices(self, instance: Instance) -> tuple[pd.Series, pd.Series]:
+        """Return what the bound would lose, at most, without each request, and without each worker, in money.
+
+        Parameters
+        ----------
+        instance : Instance
+            That the bound is of; its identifiers label the two series, if it has any.
+
+        Returns
+        -------
+        requests, workers : Series of n and J floats
+            ``request_dual`` where positive, and the best workers' prices for it, worked out anew. With the penalties
+            they add up to what :meth:`check` proves.
+
+        Raises
+        ------
+        InputError, InstanceError
+            As :meth:`check`.
+
+        Examples
+        --------
+        >>> from optkit import full_information, scenario
+        >>> day = scenario("I.1", seed=0).sample(1, seed=1)[0]
+        >>> bound = full_information(day)
+        >>> requests, workers = bound.certificate.shadow_prices(day)
+        >>> bool(abs(requests.sum() + workers.sum() + day.penalty.sum() - bound.value) < 1e-9 * bound.value)
+        True
+        """
+        import pandas as pd
+
+        y, z = repair(edges(instance), self._prices(instance.n_requests))
+        requests = pd.Series(y, index=instance.request_id, name="request")
+        return requests, pd.Series(z, index=instance.worker_id, name="worker")
+
+    def _prices(self, n: int) -> Floats:
+        """Return the requests' prices (n,), or refuse what are none."""
+        prices = real("request_dual", self.request_dual, accept="any")
+        if prices.shape != (n,) or np.isnan(prices).any():
+            raise InputError(f"request_dual has shape {prices.shape}: give each of the {n} requests a number, not NaN")
+        return prices

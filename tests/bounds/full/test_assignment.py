@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import strategies as st
 
+from optkit import scenario
 from optkit.basics.errors import InputError, InstanceError
 from optkit.bounds import Certificate, full_information
 from optkit.bounds.full.assignment import AssignmentCertificate
@@ -101,3 +103,23 @@ def test_an_instance_without_noise_cannot_be_checked_against(day):
     certificate = full_information(day).certificate
     with pytest.raises(InstanceError, match="with_noise"):
         certificate.check(replace(day, noise=None, outside_noise=None))
+
+
+def test_shadow_prices_by_identifier():
+    """They add up to the bound, less the penalties that are due anyway; losing a request costs its price at most."""
+    day = scenario("I.1", seed=0, horizon=12).sample(1, seed=3)[0]
+    named = replace(day, request_id=[f"r{i}" for i in range(day.n_requests)])
+    bound = full_information(named)
+    requests, workers = bound.certificate.shadow_prices(named)
+    assert isinstance(requests, pd.Series)
+    assert requests.index.tolist() == named.request_id.tolist()
+    assert requests.sum() + workers.sum() + day.penalty.sum() == pytest.approx(bound.value, rel=1e-12)
+    lying = replace(bound.certificate, worker_dual=0 * bound.certificate.worker_dual)
+    pd.testing.assert_series_equal(lying.shadow_prices(named)[1], workers)
+    for i in range(day.n_requests):
+        keep = np.arange(day.n_requests) != i
+        columns = ("arrival", "expiry", "reward", "penalty", "features", "pickup", "dropoff")
+        kept = {name: getattr(day, name)[keep] for name in columns}
+        rest = replace(day, utility=day.utility[:, keep], noise=day.noise[:, keep], **kept)
+        lost = bound.value - day.penalty[i] - full_information(rest).value
+        assert -1e-9 <= lost <= requests.iloc[i] + 1e-9
