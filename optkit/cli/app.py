@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 import traceback
 import warnings
@@ -28,6 +27,7 @@ from optkit.cli.evaluate import evaluate
 from optkit.cli.fit import fit
 from optkit.cli.generate import generate
 from optkit.cli.instances import instances
+from optkit.cli.interruption import interruptible
 from optkit.cli.price import price
 from optkit.cli.run import run
 from optkit.cli.study import study
@@ -103,10 +103,7 @@ def _built(verb: str) -> Any:
 
 def main() -> None:
     """Run the command line; errors of optkit become one line and exit status 2."""
-    signal.signal(signal.SIGINT, _interrupted)
-    # A scheduler's polite end is an interruption too: worker processes must not outlive this one.
-    signal.signal(signal.SIGTERM, _interrupted)
-    with _any_encoding(), _library_logs(), printing_aside(), warnings.catch_warnings():
+    with interruptible(), _any_encoding(), _library_logs(), printing_aside(), warnings.catch_warnings():
         warnings.showwarning = _warned
         try:
             _command(sys.argv[1] if sys.argv[1:] else "")()
@@ -118,8 +115,6 @@ def main() -> None:
             _end("out of memory: take fewer or smaller instances")
         except OSError as error:
             _end(": ".join(map(str, filter(None, (error.filename, error.strerror)))) or error)
-        finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left is closing down
 
 
 @contextmanager
@@ -155,8 +150,3 @@ def _end(why: object) -> NoReturn:
 
 def _warned(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
     say(f"optkit: {category.__name__}: {message}", err=True)
-
-
-def _interrupted(*_: object) -> NoReturn:
-    say("", "optkit: interrupted; what was there before stays", err=True)
-    raise KeyboardInterrupt  # Typer leaves with exit status 130

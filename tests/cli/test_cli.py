@@ -2,14 +2,9 @@
 
 import dataclasses
 import json
-import os
 import re
 import shutil
-import signal
-import sys
-import time
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -17,7 +12,6 @@ import pytest
 
 from optkit.basics.plain_json import sealed
 from optkit.bounds import arrival_information, full_information
-from optkit.cli import main
 from optkit.evaluation import main_job
 from optkit.evaluation.main_job import run_main_job
 from optkit.gap import charging
@@ -437,45 +431,6 @@ def test_a_folder_that_cannot_be_written_is_said(small, tmp_path):
     (tmp_path / "file").write_text("in the way")
     done = optkit("run", small, "--out", tmp_path / "file" / "x", "--verify", 0, check=2)
     assert "cannot be written" in done.stderr
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-def test_interruption_is_said_and_leaves_nothing(tmp_path, sent):
-    """Ctrl-C and a scheduler's SIGTERM end a run with one line, exit status 130 and no results folder."""
-    reading, writing = os.pipe()
-    child = os.fork()  # spares what a new process would import
-    if child == 0:
-        status = 1
-        try:
-            os.dup2(writing, 2)
-            sys.stdout = sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
-            door = sys.modules["optkit.cli.app"]
-            command = door._command
-            with patch.object(door, "_command", lambda verb: (print("started", flush=True), command(verb))[1]):
-                status = optkit_process("run", "I.1", "--out", str(tmp_path / "r"))
-        finally:
-            sys.stderr.flush()
-            os._exit(status)
-    os.close(writing)
-    with open(reading) as told:
-        assert told.readline() == "started\n"
-        time.sleep(0.3)  # in the middle of things
-        os.kill(child, sent)
-        rest = told.read()
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 130
-    assert rest == "\noptkit: interrupted; what was there before stays\n"
-    assert list(tmp_path.iterdir()) == []
-
-
-def optkit_process(*arguments):
-    """Run the command line with the streams of this process, and return its exit status."""
-    sys.argv = ["optkit", *arguments]
-    try:
-        main()
-    except SystemExit as left:
-        return left.code
-    return 0
 
 
 @pytest.mark.slow
