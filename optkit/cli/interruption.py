@@ -71,8 +71,10 @@ def interruptible() -> Iterator[None]:
         signal.signal(number, interrupted)
     try:
         yield
-    except KeyboardInterrupt:
-        sys.exit(STATUS)
+    except BaseException:
+        if said:  # whatever a library has made of it: a failed import, say
+            sys.exit(STATUS)
+        raise
     finally:
         running = False
         sys.unraisablehook = before

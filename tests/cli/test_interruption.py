@@ -42,6 +42,14 @@ def in_code_that_takes_everything():
         strike()
 
 
+def in_code_that_makes_another_error_of_it():
+    """Modules made by Cython say that an import failed."""
+    try:
+        strike()
+    except BaseException:
+        raise ImportError from None
+
+
 def strike():
     """Ctrl-C, and the next bytecode in which Python looks."""
     signal.raise_signal(signal.SIGINT)
@@ -58,7 +66,13 @@ def handlers():
 
 
 @pytest.mark.parametrize(
-    "swallowed", [in_callback_of_weak_reference, in_garbage_collection, in_code_that_takes_everything]
+    "swallowed",
+    [
+        in_callback_of_weak_reference,
+        in_garbage_collection,
+        in_code_that_takes_everything,
+        in_code_that_makes_another_error_of_it,
+    ],
 )
 def test_an_interruption_that_is_swallowed_comes_again(handlers, swallowed, capsys, monkeypatch):
     """It is said once, and ends the work although something dropped it."""
