@@ -16,6 +16,14 @@ settings.load_profile("steady")
 HERE = ("127.0.0.1", "localhost", "[::1]", "::1")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def state(tmp_path_factory):
+    """A folder for what optkit remembers of its files, in the place of the user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture(scope="module")
 def browser():
     """Headless Chromium, driven by Playwright."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from optkit.basics.own_files import OwnFile
 from optkit.basics.plain_json import is_sealed, parse_object, sealed
+from optkit.basics.written import remember, remembered
 from optkit.cli.console import print_table, say
 
 if TYPE_CHECKING:
@@ -17,20 +18,11 @@ if TYPE_CHECKING:
 
     from optkit.evaluation.comparison import Comparison
 
-FIRST_COLUMNS = (
-    "instance,requests,workers,penalty,bound,gap,method,",  # optkit bound
-    "instance,requests,workers,penalty,bound: full,",  # optkit certify
-    "policy,instance,bound,requests,workers,reward,ratio,",  # optkit evaluate
-    "request,compensation,acceptance,value,utility",  # optkit price
-    "decision,request,compensation,acceptance,value,utility",
-)
-"""How the tables of the verbs begin: a CSV file has no other place for a mark."""
-
 
 def _is_table(data: bytes) -> bool:
     if data.startswith(b"PAR1"):
         return _has_mark(data, b"optkit")
-    return data.startswith(tuple(first.encode() for first in FIRST_COLUMNS))
+    return remembered(data)
 
 
 def _has_mark(data: bytes, mark: bytes) -> bool:
@@ -56,7 +48,7 @@ def _is_policy(data: bytes) -> bool:
     return found is not None and found.get("format") == FORMAT and is_sealed(found)
 
 
-ROWS = OwnFile("rows of optkit", _is_table, (".csv", ".parquet"))
+ROWS = OwnFile("rows of optkit as it wrote them here", _is_table, (".csv", ".parquet"))
 FIGURE = OwnFile("figure of optkit", _is_figure, (".png", ".pdf"))
 OFFERS = OwnFile("offers of optkit collect", lambda data: _has_mark(data, b"optkit-offers"), (".parquet",))
 POLICY = OwnFile("trained policy", _is_policy, (".json",))
@@ -113,7 +105,9 @@ def write_rows(frame: pd.DataFrame, out: Path) -> None:
         If the disk refuses.
     """
     if out.suffix == ".csv":
-        ROWS.write(out, frame.to_csv(index=False).encode())
+        data = frame.to_csv(index=False).encode()
+        ROWS.write(out, data)
+        remember(data)
         return
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -217,6 +217,18 @@ def test_a_summary_that_was_edited_stays(place, tmp_path):
     optkit(*words, check=0)
 
 
+@pytest.mark.parametrize("change", [b"mine,1,2\n", b"\n", b" "])
+def test_rows_that_somebody_added_to_stay(place, tmp_path, change):
+    """A CSV file has no place for a mark: only the very bytes that were written here are written over."""
+    words = ["price", place / "requests.csv", "--out", tmp_path / "rows.csv"]
+    optkit(*words, check=0)
+    optkit(*words, check=0)
+    whole = (tmp_path / "rows.csv").read_bytes()
+    (tmp_path / "rows.csv").write_bytes(whole + change)
+    assert "holds no rows of optkit as it wrote them here" in optkit(*words, check=2).stderr
+    assert (tmp_path / "rows.csv").read_bytes() == whole + change
+
+
 def test_a_checkpoint_is_not_written_over(place, tmp_path):
     """One file for the rows that are kept and for those that are told: it stays, and the report is printed."""
     both = ["--checkpoint", tmp_path / "rows.csv", "--out", tmp_path / "rows.csv"]
